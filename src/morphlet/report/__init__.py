@@ -1,0 +1,1 @@
+"""The pictures, curves and pages that show results."""
