@@ -1,0 +1,1 @@
+"""What is characteristic of a place on a mesh."""

@@ -1,0 +1,545 @@
+"""Sparse Cholesky by dense blocks: the multifrontal method on supernodes.
+
+Unknowns with the same neighbours are one node; nodes are ordered by nested dissection, and columns of the factor that
+share their rows form supernodes. The panel of supernode s has its c columns and its f = c + r rows, column by column;
+the r x r update that it leaves behind is added into its parent's panel and update. Subtrees far apart are factored on
+several threads; each block is computed by the same operations in the same order on any number of them, so the bits
+agree. Arrays only, checked by `linalg`.
+"""
+
+from concurrent.futures import ThreadPoolExecutor
+from functools import partial
+from typing import NamedTuple
+
+import numpy as np
+import scipy.sparse as sp
+from jaxtyping import Float, Int
+from numba import njit
+
+from morphlet.numerics.ordering import Graph, dissection
+
+SMALL, MEDIUM = 16, 48
+"""Columns of a supernode below which more of its entries may be zeros (as in CHOLMOD): dense blocks pay for them."""
+
+ZEROS_SMALL, ZEROS_MEDIUM, ZEROS_LARGE = 0.4, 0.15, 0.05
+"""Largest share of zeros in a supernode made of two, by its number of columns."""
+
+GROUPS = 4
+"""Groups of subtrees that may be factored at the same time."""
+
+SPLIT = 0.1
+"""A subtree with more than this share of all operations is divided among groups."""
+
+WIDTH = 8
+"""Columns subtracted at a time: more would not fit the registers, fewer would load the target too often."""
+
+FASTMATH = {"reassoc", "contract", "nsz"}
+"""Sums may be reordered to use vector registers; NaN and infinities keep their meaning."""
+
+
+class Tree(NamedTuple):
+    """Supernodes in elimination order; all unknowns are counted in that order."""
+
+    first: Int[np.ndarray, "s+1"]  # first column
+    row_start: Int[np.ndarray, "s+1"]  # where its rows below the diagonal block start in `rows`
+    rows: Int[np.ndarray, "r"]
+    relative: Int[np.ndarray, "r"]  # place of each of these rows among the rows of the parent's panel
+    panel: Int[np.ndarray, "s+1"]  # where its panel starts
+    update: Int[np.ndarray, "s"]  # where its update starts
+    child_start: Int[np.ndarray, "s+1"]
+    children: Int[np.ndarray, "k"]
+
+
+class Symbolic(NamedTuple):
+    """All that the pattern says about the factorization."""
+
+    order: Int[np.ndarray, "n"]  # unknown at each place of the elimination order
+    tree: Tree
+    groups: tuple[Int[np.ndarray, "g"], ...]  # supernodes of each group of subtrees, then those above them all
+    targets: Int[np.ndarray, "z"]  # place of each value among the panels
+    workspace: int  # length of all updates that live at a time
+
+
+def symbolic(pattern: sp.csc_matrix, points: Float[np.ndarray, "n 3"] | None) -> Symbolic:
+    """Order the unknowns, find the supernodes and where everything goes."""
+    node, graph, representative = _compress(pattern)
+    sizes = np.bincount(node, minlength=len(representative))
+    order = dissection(graph, None if points is None else np.ascontiguousarray(points[representative]))
+    order = order[_postorder(_elimination(_earlier(graph, order)))]
+    order, supernode, parent = _supernodes(graph, order, sizes)
+    earlier = _earlier(graph, order)
+    nothing = np.zeros(0, np.int64)
+    counts = _rows(earlier, supernode, parent, np.zeros(len(parent), np.int64), nothing)
+    starts = _from_counts(counts)
+    rows = np.empty(starts[-1], np.int64)
+    _rows(earlier, supernode, parent, starts[:-1].copy(), rows)
+    place = np.empty(len(order), np.int64)
+    place[order] = np.arange(len(order))
+    unknowns = np.argsort(place[node], kind="stable")
+    tree, groups, workspace = _tree(_Blocks(sizes[order], supernode, parent, starts, rows))
+    inverse = np.empty(len(unknowns), np.int64)
+    inverse[unknowns] = np.arange(len(unknowns))
+    column = np.repeat(inverse, np.diff(pattern.indptr))
+    row = inverse[pattern.indices]
+    owner = np.repeat(np.arange(len(parent)), np.diff(tree.first))
+    targets = _targets(np.minimum(row, column), np.maximum(row, column), owner, tree)
+    return Symbolic(unknowns, tree, groups, targets, workspace)
+
+
+def factor(plan: Symbolic, values: Float[np.ndarray, "z"]) -> tuple[Float[np.ndarray, "p"], int]:
+    """The panels, and the unknown of the first pivot that is not positive, -1 if all are."""
+    panels = np.zeros(plan.tree.panel[-1])
+    _scatter(panels, plan.targets, np.array(values))
+    run = partial(_factor, plan.tree, (panels, np.empty(plan.workspace)))
+    *apart, top = plan.groups
+    with ThreadPoolExecutor(GROUPS) as pool:
+        failures = [f for f in pool.map(run, apart) if f >= 0] or [run(top)]
+    return panels, int(plan.order[min(failures)]) if min(failures) >= 0 else -1
+
+
+def solve(plan: Symbolic, panels: Float[np.ndarray, "p"], b: Float[np.ndarray, "n k"]) -> Float[np.ndarray, "n k"]:
+    """The solution of A x = b from the panels of A."""
+    x = np.ascontiguousarray(b[plan.order].T)
+    _substitute(plan.tree, panels, x)
+    answer = np.empty(b.shape)
+    answer[plan.order] = x.T
+    return answer
+
+
+class _Blocks(NamedTuple):
+    """Supernodes of nodes: sizes and supernode of each node in order, parents, rows in nodes."""
+
+    sizes: np.ndarray
+    supernode: np.ndarray
+    parent: np.ndarray
+    starts: np.ndarray
+    rows: np.ndarray
+
+
+def _from_counts(counts: Int[np.ndarray, "s"]) -> Int[np.ndarray, "s+1"]:
+    return np.concatenate([np.zeros(1, np.int64), np.cumsum(counts)])
+
+
+def _compress(pattern: sp.csc_matrix) -> tuple[Int[np.ndarray, "n"], Graph, Int[np.ndarray, "m"]]:
+    """Node of each unknown, the graph of the nodes, an unknown of each: unknowns with the same neighbours share a node."""
+    ones = sp.csc_matrix((np.ones(pattern.nnz, np.int8), pattern.indices, pattern.indptr), pattern.shape)
+    whole = (ones + ones.T).tocsr()
+    whole.sort_indices()
+    starts, columns, degree = whole.indptr.astype(np.int64), whole.indices.astype(np.int64), np.diff(whole.indptr)
+    twin = _twins(starts, columns)
+    own = twin == np.arange(len(twin))
+    representative = np.nonzero(own)[0]
+    number = np.cumsum(own) - 1
+    row = np.repeat(np.arange(len(twin)), degree)
+    kept = own[row] & own[columns] & (row != columns)
+    counts = np.bincount(number[row[kept]], minlength=len(representative))
+    return number[twin], Graph(_from_counts(counts), number[columns[kept]]), representative
+
+
+def _twins(starts: Int[np.ndarray, "n+1"], columns: Int[np.ndarray, "z"]) -> Int[np.ndarray, "n"]:
+    """The first unknown with the same neighbours, itself among them; found by hashing, then compared."""
+    salt = np.random.default_rng(0).integers(0, 2**62, len(starts) - 1)
+    _, first, group = np.unique(np.add.reduceat(salt[columns], starts[:-1]), return_index=True, return_inverse=True)
+    twin, degree = first[group], np.diff(starts)
+    alike = (degree[twin] == degree) & (twin != np.arange(len(twin)))
+    row = np.repeat(np.arange(len(twin)), np.where(alike, degree, 0))
+    within = np.arange(len(row)) - np.repeat(_from_counts(np.where(alike, degree, 0))[:-1], np.where(alike, degree, 0))
+    differs = columns[starts[row] + within] != columns[starts[twin[row]] + within]
+    alike[row[differs]] = False
+    return np.where(alike, twin, np.arange(len(twin)))
+
+
+def _supernodes(
+    graph: Graph, order: Int[np.ndarray, "m"], sizes: Int[np.ndarray, "m"]
+) -> tuple[Int[np.ndarray, "m"], Int[np.ndarray, "m"], Int[np.ndarray, "s"]]:
+    """Final order of the nodes, their supernodes, and the parents of these."""
+    earlier = _earlier(graph, order)
+    parent = _elimination(earlier)
+    counts = _counts(earlier, parent, sizes[order])
+    m = len(order)
+    chained = (parent[:-1] == np.arange(1, m)) & (counts[:-1] == counts[1:] + sizes[order][:-1])
+    last = np.nonzero(np.append(~chained, True))[0]
+    supernode = np.searchsorted(last, np.arange(m))
+    above = np.where(parent[last] < 0, -1, supernode[parent[last]])
+    columns = np.bincount(supernode, sizes[order]).astype(np.int64)
+    into = _relax(above, columns, counts[last] - sizes[order][last])
+    kept, supernode = np.unique(into[supernode], return_inverse=True)
+    above = np.where(above[kept] < 0, -1, np.searchsorted(kept, into[above[kept]]))
+    by_supernode = np.argsort(supernode, kind="stable")
+    return order[by_supernode], supernode[by_supernode], above
+
+
+def _tree(blocks: _Blocks) -> tuple[Tree, tuple[Int[np.ndarray, "g"], ...], int]:
+    """From nodes to unknowns; where panels and updates go; which supernodes can be factored apart."""
+    start = _from_counts(blocks.sizes)
+    n_supernodes = len(blocks.parent)
+    first = _from_counts(np.bincount(blocks.supernode, blocks.sizes, n_supernodes).astype(np.int64))
+    size = blocks.sizes[blocks.rows]
+    rows = np.repeat(start[blocks.rows] - _from_counts(size)[:-1], size) + np.arange(size.sum())
+    row_start = _from_counts(size)[blocks.starts]
+    c, r = np.diff(first), np.diff(row_start)
+    children = np.argsort(blocks.parent, kind="stable")[np.count_nonzero(blocks.parent < 0) :]
+    child_start = _from_counts(np.bincount(blocks.parent[blocks.parent >= 0], minlength=n_supernodes))
+    group, groups = _divide(blocks.parent, c * (c + r) ** 2)
+    update, workspace = _stacks(blocks.parent, group, r * r)
+    tree = Tree(first, row_start, rows, np.empty_like(rows), _from_counts(c * (c + r)), update, child_start, children)
+    _relative(tree)
+    return tree, groups, int(workspace)
+
+
+def _divide(parent: Int[np.ndarray, "s"], work: Int[np.ndarray, "s"]) -> tuple[Int[np.ndarray, "s"], tuple[np.ndarray, ...]]:
+    """Group of each supernode, and its members: heaviest subtree first, to the least loaded; the last group is above them all."""
+    total, inside = _subtrees(parent, work, SPLIT)
+    loads = np.zeros(GROUPS)
+    group = np.full(len(parent), GROUPS)
+    roots = np.nonzero(inside == np.arange(len(parent)))[0]
+    for root in roots[np.argsort(-total[roots], kind="stable")]:
+        group[root] = int(np.argmin(loads))
+        loads[group[root]] += total[root]
+    group = np.where(inside >= 0, group[inside], GROUPS)
+    return group, tuple(np.nonzero(group == g)[0] for g in range(GROUPS + 1))
+
+
+@njit(cache=True)
+def _subtrees(parent, work, share):  # type: ignore[no-untyped-def]
+    """Operations of the subtree of each supernode; the root of the largest light subtree it is in, -1 if it is in none."""
+    total = work.copy()
+    everything = 0
+    for s in range(len(parent)):
+        everything += work[s]
+        if parent[s] >= 0:
+            total[parent[s]] += total[s]
+    inside = np.full(len(parent), -1)
+    for s in range(len(parent) - 1, -1, -1):
+        if parent[s] >= 0 and inside[parent[s]] >= 0:
+            inside[s] = inside[parent[s]]
+        elif total[s] <= share * everything:
+            inside[s] = s
+    return total, inside
+
+
+@njit(cache=True)
+def _stacks(parent, group, size):  # type: ignore[no-untyped-def]
+    """Where each update starts, and the room for all: in each group those of even and of odd depth form two stacks."""
+    n, n_stacks = len(parent), 2 * (group.max() + 1) if len(group) > 0 else 0
+    stack, freed, start = np.zeros(n, np.int64), np.zeros(n, np.int64), np.zeros(n, np.int64)
+    top, peak = np.zeros(n_stacks, np.int64), np.zeros(n_stacks + 1, np.int64)
+    for s in range(n - 1, -1, -1):
+        stack[s] = 2 * group[s] + (1 - stack[parent[s]] % 2 if parent[s] >= 0 else 0)
+    for s in range(n):
+        start[s] = top[stack[s]]
+        top[stack[s]] += size[s]
+        peak[stack[s] + 1] = max(peak[stack[s] + 1], top[stack[s]])
+        top[2 * group[s] + 1 - stack[s] % 2] -= freed[s]
+        if parent[s] >= 0 and group[parent[s]] == group[s]:
+            freed[parent[s]] += size[s]
+    for k in range(n_stacks):
+        peak[k + 1] += peak[k]
+    for s in range(n):
+        start[s] += peak[stack[s]]
+    return start, peak[n_stacks]
+
+
+@njit(cache=True)
+def _earlier(graph, order):  # type: ignore[no-untyped-def]
+    """The neighbours of each place of the order that come before it."""
+    place, starts = np.empty(len(order), np.int64), np.zeros(len(order) + 1, np.int64)
+    for i in range(len(order)):
+        place[order[i]] = i
+    nodes = np.empty(len(graph.nodes) // 2, np.int64)
+    n = 0
+    for i in range(len(order)):
+        for q in range(graph.starts[order[i]], graph.starts[order[i] + 1]):
+            k = place[graph.nodes[q]]
+            if k < i:
+                nodes[n] = k
+                n += 1
+        starts[i + 1] = n
+    return Graph(starts, nodes)
+
+
+@njit(cache=True)
+def _elimination(earlier):  # type: ignore[no-untyped-def]
+    """Parent of each node in the elimination tree, -1 for roots (Liu 1990)."""
+    n = len(earlier.starts) - 1
+    parent, ancestor = np.full(n, -1), np.full(n, -1)
+    for i in range(n):
+        for q in range(earlier.starts[i], earlier.starts[i + 1]):
+            k = earlier.nodes[q]
+            while k != -1 and k < i:
+                above = ancestor[k]
+                ancestor[k] = i
+                if above == -1:
+                    parent[k] = i
+                k = above
+    return parent
+
+
+@njit(cache=True)
+def _postorder(parent):  # type: ignore[no-untyped-def]
+    """The nodes of a forest, each after all of its subtree."""
+    n = len(parent)
+    child, sibling, order = np.full(n + 1, -1), np.full(n, -1), np.empty(n, np.int64)
+    for v in range(n - 1, -1, -1):
+        sibling[v] = child[parent[v]]  # roots are children of entry -1, the last
+        child[parent[v]] = v
+    stack, n_stack, n_done = np.empty(n, np.int64), 0, 0
+    root = child[n]
+    while root != -1:
+        stack[0], n_stack = root, 1
+        while n_stack > 0:
+            v = stack[n_stack - 1]
+            down = child[v]
+            if down == -1:
+                order[n_done] = v
+                n_done += 1
+                n_stack -= 1
+            else:
+                child[v] = sibling[down]
+                stack[n_stack] = down
+                n_stack += 1
+        root = sibling[root]
+    return order
+
+
+@njit(cache=True)
+def _counts(earlier, parent, sizes):  # type: ignore[no-untyped-def]
+    """Rows of each node's column of the factor, its own among them (row subtrees, Gilbert et al. 1994)."""
+    counts, seen = np.zeros(len(parent), np.int64), np.full(len(parent), -1)
+    for i in range(len(parent)):
+        counts[i] += sizes[i]
+        seen[i] = i
+        for q in range(earlier.starts[i], earlier.starts[i + 1]):
+            k = earlier.nodes[q]
+            while seen[k] != i:
+                seen[k] = i
+                counts[k] += sizes[i]
+                k = parent[k]
+    return counts
+
+
+@njit(cache=True)
+def _relax(parent, columns, below):  # type: ignore[no-untyped-def]
+    """The supernode that each one ends in, when children join their parents for few zeros."""
+    columns = columns.copy()
+    into, entries = np.arange(len(parent)), columns * (columns + 1) // 2 + columns * below
+    for s in range(len(parent)):
+        p = parent[s]
+        if p >= 0:
+            c = columns[s] + columns[p]
+            total = c * (c + 1) // 2 + c * below[p]
+            share = ZEROS_SMALL if c <= SMALL else ZEROS_MEDIUM if c <= MEDIUM else ZEROS_LARGE
+            if total - entries[s] - entries[p] <= share * total:
+                into[s], columns[p] = p, c
+                entries[p] += entries[s]
+    for s in range(len(parent) - 1, -1, -1):
+        into[s] = into[into[s]]
+    return into
+
+
+@njit(cache=True)
+def _rows(earlier, supernode, parent, at, rows):  # type: ignore[no-untyped-def]
+    """Write the rows below each supernode from place `at` on, ascending (or only count them, if there is no room); the places after."""
+    seen = np.full(len(parent), -1)
+    for i in range(len(supernode)):
+        for q in range(earlier.starts[i], earlier.starts[i + 1]):
+            s = supernode[earlier.nodes[q]]
+            while s != supernode[i] and seen[s] != i:
+                seen[s] = i
+                if len(rows) > 0:
+                    rows[at[s]] = i
+                at[s] += 1
+                s = parent[s]
+    return at
+
+
+@njit(cache=True)
+def _relative(tree):  # type: ignore[no-untyped-def]
+    """Fill `relative`: the parent has every row of the child."""
+    for p in range(len(tree.first) - 1):
+        n_columns = tree.first[p + 1] - tree.first[p]
+        for k in range(tree.child_start[p], tree.child_start[p + 1]):
+            child, at = tree.children[k], tree.row_start[p]
+            for q in range(tree.row_start[child], tree.row_start[child + 1]):
+                row = tree.rows[q]
+                if row < tree.first[p + 1]:
+                    tree.relative[q] = row - tree.first[p]
+                else:
+                    while tree.rows[at] != row:
+                        at += 1
+                    tree.relative[q] = n_columns + at - tree.row_start[p]
+
+
+@njit(cache=True)
+def _targets(low, high, owner, tree):  # type: ignore[no-untyped-def]
+    """Place among the panels of the entry at column `low`, row `high`."""
+    targets = np.empty(len(low), np.int64)
+    for k in range(len(low)):
+        s = owner[low[k]]
+        begin, end = tree.row_start[s], tree.row_start[s + 1]
+        n_columns, row = tree.first[s + 1] - tree.first[s], high[k] - tree.first[s]
+        column = tree.panel[s] + (low[k] - tree.first[s]) * (n_columns + end - begin)
+        if row >= n_columns:
+            a, b = begin, end - 1
+            while a < b:
+                middle = (a + b) // 2
+                if tree.rows[middle] < high[k]:
+                    a = middle + 1
+                else:
+                    b = middle
+            row = n_columns + a - begin
+        targets[k] = column + row
+    return targets
+
+
+@njit(cache=True)
+def _scatter(panels, targets, values):  # type: ignore[no-untyped-def]
+    """Put the values where they belong."""
+    for k in range(len(values)):
+        panels[targets[k]] = values[k]
+
+
+@njit(cache=True, nogil=True)
+def _factor(tree, blocks, chosen):  # type: ignore[no-untyped-def]
+    """Factor the chosen supernodes, children before parents; the first column whose pivot is not positive, -1 if there is none."""
+    panels, updates = blocks
+    for s in chosen:
+        c, r = tree.first[s + 1] - tree.first[s], tree.row_start[s + 1] - tree.row_start[s]
+        for q in range(tree.update[s], tree.update[s] + r * r):
+            updates[q] = 0.0
+        for k in range(tree.child_start[s], tree.child_start[s + 1]):
+            _extend(tree, panels, updates, (tree.children[k], s))
+        failed = _eliminate(panels, updates, (tree.panel[s], tree.update[s]), c, r)
+        if failed >= 0:
+            return tree.first[s] + failed
+    return -1
+
+
+@njit(cache=True, nogil=True)
+def _extend(tree, panels, updates, family):  # type: ignore[no-untyped-def]
+    """Add the update of a child into the panel and the update of its parent."""
+    child, s = family
+    begin = tree.row_start[child]
+    m, source = tree.row_start[child + 1] - begin, np.uintp(tree.update[child])
+    c, r = tree.first[s + 1] - tree.first[s], tree.row_start[s + 1] - tree.row_start[s]
+    place = tree.relative[begin : begin + m]
+    for j in range(m):
+        if place[j] < c:
+            column = tree.panel[s] + place[j] * (c + r)
+            for i in range(np.uintp(j), np.uintp(m)):
+                panels[np.uintp(column + place[i])] += updates[source + i]
+        else:
+            column = tree.update[s] + (place[j] - c) * r - c
+            for i in range(np.uintp(j), np.uintp(m)):
+                updates[np.uintp(column + place[i])] += updates[source + i]
+        source += np.uintp(m)
+
+
+@njit(cache=True, nogil=True)
+def _eliminate(panels, updates, starts, c, r):  # type: ignore[no-untyped-def]
+    """Cholesky of the panel, WIDTH columns at a time, and of its update; the first column whose pivot is not positive, or -1."""
+    panel, update = starts
+    f = c + r
+    for k in range(0, c, WIDTH):
+        end = min(k + WIDTH, c)
+        for j in range(k, end):
+            at = panel + j * f + j
+            _subtract(panels, panel + k * f + j, (f, j - k), panels, (at, f - j))
+            if not panels[at] > 0.0:
+                return j
+            _divide_column(panels, at, f - j)
+        for j in range(end, c):
+            _subtract(panels, panel + k * f + j, (f, end - k), panels, (panel + j * f + j, f - j))
+        for j in range(r):
+            _subtract(panels, panel + k * f + c + j, (f, end - k), updates, (update + j * r + j, r - j))
+    return -1
+
+
+@njit(cache=True, nogil=True)
+def _divide_column(panels, at, length):  # type: ignore[no-untyped-def]
+    """A column of the factor from its pivot down."""
+    root, a = np.sqrt(panels[at]), np.uintp(at)
+    inverse = 1.0 / root
+    for i in range(np.uintp(length)):
+        panels[a + i] *= inverse
+    panels[a] = root
+
+
+@njit(cache=True, nogil=True, fastmath=FASTMATH)
+def _subtract(source, at, shape, target, span):  # type: ignore[no-untyped-def]
+    """From a column of the target, columns of the source (their distance and number: `shape`) times their first entries."""
+    step, count = shape
+    to, length = span
+    a, t, s = np.uintp(at), np.uintp(to), np.uintp(step)
+    if count == WIDTH:
+        b, c, d = a + s, a + s + s, a + s + s + s
+        e = d + s
+        f, g, h = e + s, e + s + s, e + s + s + s
+        p0, p1, p2, p3, p4, p5, p6, p7 = source[a], source[b], source[c], source[d], source[e], source[f], source[g], source[h]
+        for i in range(np.uintp(length)):
+            low = source[a + i] * p0 + source[b + i] * p1 + source[c + i] * p2 + source[d + i] * p3
+            target[t + i] -= low + source[e + i] * p4 + source[f + i] * p5 + source[g + i] * p6 + source[h + i] * p7
+        return
+    for _ in range(count // 2):
+        p, q = source[a], source[a + s]
+        for i in range(np.uintp(length)):
+            target[t + i] -= source[a + i] * p + source[a + s + i] * q
+        a += s + s
+    if count % 2 == 1:
+        p = source[a]
+        for i in range(np.uintp(length)):
+            target[t + i] -= source[a + i] * p
+
+
+@njit(cache=True, nogil=True)
+def _substitute(tree, panels, x):  # type: ignore[no-untyped-def]
+    """Solve L L' y = x in place, row by row of x."""
+    work = np.empty(tree.first[-1])
+    for s in range(len(tree.first) - 1):
+        for k in range(len(x)):
+            _forward(tree, panels, s, x[k], work)
+    for s in range(len(tree.first) - 2, -1, -1):
+        for k in range(len(x)):
+            _backward(tree, panels, s, x[k], work)
+
+
+@njit(cache=True, nogil=True, fastmath=FASTMATH)
+def _forward(tree, panels, s, y, work):  # type: ignore[no-untyped-def]
+    """Eliminate the columns of supernode s from y; its columns end in `work`."""
+    first, begin = tree.first[s], tree.row_start[s]
+    c, r = np.uintp(tree.first[s + 1] - first), np.uintp(tree.row_start[s + 1] - begin)
+    for i in range(c):
+        work[i] = y[np.uintp(first) + i]
+    for i in range(c, c + r):
+        work[i] = 0.0
+    column = np.uintp(tree.panel[s])
+    for j in range(c):
+        v = work[j] / panels[column + j]
+        y[np.uintp(first) + j] = v
+        for i in range(j + np.uintp(1), c + r):
+            work[i] -= panels[column + i] * v
+        column += c + r
+    for i in range(r):
+        y[tree.rows[np.uintp(begin) + i]] += work[c + i]
+
+
+@njit(cache=True, nogil=True, fastmath=FASTMATH)
+def _backward(tree, panels, s, y, work):  # type: ignore[no-untyped-def]
+    """Solve for the unknowns of supernode s from those after it."""
+    first, begin = np.uintp(tree.first[s]), np.uintp(tree.row_start[s])
+    c, r = np.uintp(tree.first[s + 1] - tree.first[s]), np.uintp(tree.row_start[s + 1] - tree.row_start[s])
+    for i in range(r):
+        work[c + i] = y[tree.rows[begin + i]]
+    for j in range(c):
+        work[j] = y[first + j]
+    column = np.uintp(tree.panel[s])
+    column += c * (c + r)
+    for k in range(np.uintp(1), c + np.uintp(1)):
+        at = c - k
+        column -= c + r
+        v = work[at]
+        for i in range(at + np.uintp(1), c + r):
+            v -= panels[column + i] * work[i]
+        v /= panels[column + at]
+        work[at] = v
+        y[first + at] = v
