@@ -37,7 +37,7 @@ def real(values: Any, name: str, shape: Shape) -> np.ndarray:
 
 def index(values: Any, name: str, shape: Shape, below: int) -> np.ndarray:
     """Int64 indices in [0, below) of the given shape, copied and frozen."""
-    raw = np.asarray(values)
+    raw = _copy(values, name, None)
     if raw.size and raw.dtype.kind not in "iu" and not (raw.dtype.kind == "f" and np.all(raw == np.floor(raw))):
         raise InputError(f"integer indices in {name}", f"values of type {raw.dtype}", "convert them to integers")
     array = _copy(raw, name, np.int64)
@@ -66,7 +66,7 @@ def unit(values: Any, name: str) -> np.ndarray:
     return freeze(array / length[:, None])
 
 
-def _copy(values: Any, name: str, dtype: type) -> np.ndarray:
+def _copy(values: Any, name: str, dtype: type | None) -> np.ndarray:
     try:
         return np.array(values, dtype=dtype, order="C")
     except (TypeError, ValueError, OverflowError) as error:

@@ -6,7 +6,7 @@ until it decreases enough, so every iterate stays inside.
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Protocol
+from typing import Protocol, runtime_checkable
 
 import numpy as np
 import scipy.sparse as sp
@@ -58,6 +58,7 @@ class Trace:
 OnStep = Callable[[Step], None]
 
 
+@runtime_checkable
 class Problem(Protocol):
     """An energy on points x of a manifold, with d unknowns in its tangent space."""
 

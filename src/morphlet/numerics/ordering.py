@@ -9,7 +9,7 @@ by minimum degree, counting the separators around them. Arrays only; nothing her
 from typing import NamedTuple
 
 import numpy as np
-from jaxtyping import Float, Int
+from jaxtyping import Float, Int, Int32
 from numba import njit
 
 LEAF = 80
@@ -45,15 +45,22 @@ SIDE, N_LOW, N_HIGH, MOVED = 0, 1, 2, 3
 SEPARATOR, LOG = 0, 1
 """Rows of the lists (2, n): the nodes of the separator; moves, as 4 v + the side v had."""
 
-SWEEPS = 4
-"""Coordinates found by breadth-first sweeps inside a part: from two far ends, their difference, from a place far from both."""
+SWEEPS = 3
+"""Coordinates found by breadth-first sweeps inside a part: the distances from two far ends, and their difference."""
+
+
+OUTER = njit(cache=True, error_model="numpy")
+"""Kernels called from Python."""
+
+INNER = njit(cache=True, error_model="numpy", no_cpython_wrapper=True, no_cfunc_wrapper=True)
+"""Kernels called by kernels: without wrappers they compile in three quarters of the time."""
 
 
 class Graph(NamedTuple):
-    """Neighbours of each node, in one array."""
+    """Neighbours of each node, in one array; int32, since walks over it wait for memory."""
 
-    starts: Int[np.ndarray, "n+1"]
-    nodes: Int[np.ndarray, "2e"]
+    starts: Int32[np.ndarray, "n1"]
+    nodes: Int32[np.ndarray, "e2"]
 
 
 def dissection(graph: Graph, points: Float[np.ndarray, "n 3"] | None) -> Int[np.ndarray, "n"]:
@@ -85,7 +92,7 @@ def dissection(graph: Graph, points: Float[np.ndarray, "n 3"] | None) -> Int[np.
     --------
     >>> import numpy as np
     >>> from morphlet.numerics.ordering import Graph, dissection
-    >>> star = Graph(np.array([0, 3, 4, 5, 6]), np.array([1, 2, 3, 0, 0, 0]))
+    >>> star = Graph(np.array([0, 3, 4, 5, 6], np.int32), np.array([1, 2, 3, 0, 0, 0], np.int32))
     >>> dissection(star, None).tolist()
     [1, 2, 0, 3]
     """
@@ -94,70 +101,54 @@ def dissection(graph: Graph, points: Float[np.ndarray, "n 3"] | None) -> Int[np.
     hubs = degree > HUB * np.sqrt(n)
     order = np.argsort(np.where(hubs, degree, 0), kind="stable")
     n_parted = n - int(hubs.sum())
-    coordinates = np.zeros((SWEEPS, n)) if points is None else np.concatenate([np.zeros((SWEEPS, n)), _directions(points)])
-    for begin, end in _dissect(graph, coordinates, order, n_parted):
-        order[begin:end] = order[begin:end][np.argsort(degree[order[begin:end]], kind="stable")]
+    coordinates = np.zeros((SWEEPS, n)) if points is None else np.concatenate([np.zeros((SWEEPS, n)), points.T])
+    _dissect(graph, coordinates, order, n_parted)
     return order
 
 
-def _directions(points: Float[np.ndarray, "n 3"]) -> Float[np.ndarray, "c n"]:
-    """Coordinates along the axes and the four diagonals of the cube."""
-    diagonals = np.array([[1, 1, 1], [1, 1, -1], [1, -1, 1], [1, -1, -1]])
-    return np.ascontiguousarray(np.concatenate([np.eye(3), diagonals]) @ points.T)
-
-
-@njit(cache=True)
-def _dissect(graph, coordinates, order, n_parted):  # type: ignore[no-untyped-def]
-    """Reorder the first n_parted of order in place: low part, high part, separator, each part likewise; ranges it could not cut."""
+def _dissect(graph: Graph, coordinates: Float[np.ndarray, "c n"], order: Int[np.ndarray, "n"], n_parted: int) -> None:
+    """Reorder the first n_parted of order in place: low part, high part, separator, each part likewise."""
     n = len(order)
     state, lists = np.zeros((n, 4), np.int32), np.zeros((2, n), np.int64)
-    todo, n_todo = np.empty((n + 1, 2), np.int64), 1
-    left, n_left = np.empty((n // LEAF + 1, 2), np.int64), 0
-    todo[0, 0], todo[0, 1] = 0, n_parted
-    while n_todo > 0:
-        n_todo -= 1
-        begin, end = todo[n_todo, 0], todo[n_todo, 1]
+    todo = [(0, n_parted)]
+    while todo:
+        begin, end = todo.pop()
         part = order[begin:end]
         if end - begin <= LEAF:
             _minimum_degree(graph, part, state)
             continue
-        cut = _split(graph, coordinates, part, state, lists)
-        if cut[LOW] == 0 or cut[HIGH] == 0:
-            left[n_left, 0], left[n_left, 1] = begin, end
-            n_left += 1
-            continue
-        todo[n_todo, 0], todo[n_todo, 1] = begin, begin + cut[LOW]
-        todo[n_todo + 1, 0], todo[n_todo + 1, 1] = begin + cut[LOW], begin + cut[LOW] + cut[HIGH]
-        n_todo += 2
-    return left[:n_left]
+        tally = _cut(graph, coordinates, part, state, lists)
+        _thin(graph, part, state, lists, tally)
+        _sort_sides(part, state, tally)
+        low, high = begin + int(tally[LOW]), begin + int(tally[LOW] + tally[HIGH])
+        if begin < low < high:
+            todo += [(begin, low), (low, high)]
+        else:
+            order[begin:end] = part[np.argsort(np.diff(graph.starts)[part], kind="stable")]
 
 
-@njit(cache=True)
-def _split(graph, coordinates, part, state, lists):  # type: ignore[no-untyped-def]
-    """Sort the part into low, high, separator; the tally of these. The sides are left cleared."""
+@OUTER
+def _cut(graph, coordinates, part, state, lists):  # type: ignore[no-untyped-def]
+    """Label the part low and high across its best coordinate, or its pieces; the tally, all low if no cut is fair."""
     tally = np.zeros(5, np.int64)
-    n_low = _pieces(graph, part, state, lists[SEPARATOR])
-    if n_low < len(part):
-        tally[LOW], tally[HIGH] = n_low, len(part) - n_low
-    else:
+    tally[LOW] = _pieces(graph, part, state, lists[SEPARATOR])
+    if tally[LOW] == len(part):
         _sweeps(graph, coordinates, part, lists[SEPARATOR])
-        best, best_axis, best_level = np.inf, 0, 0.0
+        best, best_axis, best_level = np.inf, -1, 0.0
         for axis in range(len(coordinates)):
             cost, level = _best_level(graph, coordinates[axis], part, state)
             if cost < best:
                 best, best_axis, best_level = cost, axis, level
-        if best < np.inf:
+        if best_axis >= 0:
             for v in part:
-                state[v, SIDE] = LOW if coordinates[best_axis, v] <= best_level else HIGH
-            _thin(graph, part, state, lists, tally)
-    if tally[LOW] > 0:
-        _sort_sides(part, state, tally)
-    for v in part:
-        state[v, SIDE] = OUTSIDE
+                if coordinates[best_axis, v] > best_level:
+                    state[v, SIDE] = HIGH
+                    tally[LOW] -= 1
+    tally[HIGH] = len(part) - tally[LOW]
     return tally
 
 
-@njit(cache=True)
+@INNER
 def _pieces(graph, part, state, queue):  # type: ignore[no-untyped-def]
     """Label low whole connected pieces until they hold half of the part, the rest high; how many are low."""
     for v in part:
@@ -181,7 +172,7 @@ def _pieces(graph, part, state, queue):  # type: ignore[no-untyped-def]
     return tail
 
 
-@njit(cache=True)
+@INNER
 def _best_level(graph, x, part, state):  # type: ignore[no-untyped-def]
     """The level of x that cuts fewest edges for the balance of its sides, and its cost; infinite if every cut is unfair."""
     low, high = x[part[0]], x[part[0]]
@@ -207,9 +198,9 @@ def _best_level(graph, x, part, state):  # type: ignore[no-untyped-def]
     return best, level
 
 
-@njit(cache=True)
+@OUTER
 def _sort_sides(part, state, tally):  # type: ignore[no-untyped-def]
-    """Low nodes first, then high ones, then the separator, each in their old order."""
+    """Low nodes first, then high ones, then the separator, each in their old order; their sides are cleared."""
     old = part.copy()
     at = np.zeros(4, np.int64)
     at[HIGH], at[CUT] = tally[LOW], tally[LOW] + tally[HIGH]
@@ -217,25 +208,20 @@ def _sort_sides(part, state, tally):  # type: ignore[no-untyped-def]
         side = state[v, SIDE]
         part[at[side]] = v
         at[side] += 1
+        state[v, SIDE] = OUTSIDE
 
 
-@njit(cache=True)
+@INNER
 def _sweeps(graph, coordinates, part, queue):  # type: ignore[no-untyped-def]
     """Breadth-first distances within the connected part, whose last reached node ends the queue: the first rows of its coordinates."""
-    a, b = coordinates[0], coordinates[1]
     queue[0] = queue[len(part) - 1]
-    queue[0] = _sweep(graph, a, part, queue)
-    _sweep(graph, b, part, queue)
-    far = part[0]
+    queue[0] = _sweep(graph, coordinates[0], part, queue)
+    _sweep(graph, coordinates[1], part, queue)
     for v in part:
-        coordinates[2, v] = a[v] - b[v]
-        if min(a[v], b[v]) > min(a[far], b[far]):
-            far = v
-    queue[0] = far
-    _sweep(graph, coordinates[3], part, queue)
+        coordinates[2, v] = coordinates[0, v] - coordinates[1, v]
 
 
-@njit(cache=True)
+@INNER
 def _sweep(graph, distance, part, queue):  # type: ignore[no-untyped-def]
     """Edges from the first node of the queue, within the connected part; distances outside it are not negative. The last node."""
     for v in part:
@@ -254,13 +240,12 @@ def _sweep(graph, distance, part, queue):  # type: ignore[no-untyped-def]
     return queue[tail - 1]
 
 
-@njit(cache=True)
+@OUTER
 def _thin(graph, part, state, lists, tally):  # type: ignore[no-untyped-def]
     """Turn the shorter side of the cut into a separator, then move nodes out of it while it shrinks."""
     low_ends = high_ends = 0
     for v in part:
         _count(graph, v, state)
-        tally[state[v, SIDE]] += 1
         low_ends += state[v, SIDE] == LOW and state[v, N_HIGH] > 0
         high_ends += state[v, SIDE] == HIGH and state[v, N_LOW] > 0
     shorter, across = (LOW, N_HIGH) if low_ends <= high_ends else (HIGH, N_LOW)
@@ -271,14 +256,14 @@ def _thin(graph, part, state, lists, tally):  # type: ignore[no-untyped-def]
     for k in range(tally[CUT]):
         state[lists[SEPARATOR, k], SIDE] = CUT
     tally[shorter] -= tally[CUT]
-    for _ in range(PASSES):
+    for _ in range(PASSES if tally[CUT] > 0 else 0):
         before = tally[CUT]
         _pass(graph, state, lists, tally)
         if tally[CUT] == before:
             break
 
 
-@njit(cache=True)
+@INNER
 def _count(graph, v, state):  # type: ignore[no-untyped-def]
     """Neighbours of v on the low and on the high side."""
     low = high = 0
@@ -290,7 +275,7 @@ def _count(graph, v, state):  # type: ignore[no-untyped-def]
     state[v, N_HIGH] = high
 
 
-@njit(cache=True)
+@INNER
 def _pass(graph, state, lists, tally):  # type: ignore[no-untyped-def]
     """One sequence of best moves out of the separator, undone back to its thinnest state."""
     kept = waited = 0
@@ -311,7 +296,7 @@ def _pass(graph, state, lists, tally):  # type: ignore[no-untyped-def]
     _undo(state, lists, tally, kept)
 
 
-@njit(cache=True)
+@INNER
 def _best_move(state, lists, tally):  # type: ignore[no-untyped-def]
     """Place in the separator of the node that draws fewest others into it, towards the smaller side if equal; -1 if none may."""
     total = tally[LOW] + tally[HIGH] + tally[CUT]
@@ -328,7 +313,7 @@ def _best_move(state, lists, tally):  # type: ignore[no-untyped-def]
     return best_at, best_to
 
 
-@njit(cache=True)
+@INNER
 def _move(graph, state, lists, tally, move):  # type: ignore[no-untyped-def]
     """Take a node out of the separator; its neighbours across come in."""
     at, to = move
@@ -356,7 +341,7 @@ def _move(graph, state, lists, tally, move):  # type: ignore[no-untyped-def]
             _count(graph, graph.nodes[q], state)
 
 
-@njit(cache=True)
+@INNER
 def _undo(state, lists, tally, kept):  # type: ignore[no-untyped-def]
     """Take back the moves after the first `kept` entries of the log; list the separator anew and forget who moved."""
     n_listed, n_logged = tally[CUT], tally[LOGGED]
@@ -378,7 +363,7 @@ def _undo(state, lists, tally, kept):  # type: ignore[no-untyped-def]
         state[lists[SEPARATOR, k], MOVED] = 0
 
 
-@njit(cache=True)
+@OUTER
 def _minimum_degree(graph, part, state):  # type: ignore[no-untyped-def]
     """Sort the part by least degree, counting the nodes around it; column MOVED is zero before and after."""
     m = len(part)
@@ -405,7 +390,7 @@ def _minimum_degree(graph, part, state):  # type: ignore[no-untyped-def]
         part[k] = nodes[_eliminate(table, degree)]
 
 
-@njit(cache=True)
+@INNER
 def _eliminate(table, degree):  # type: ignore[no-untyped-def]
     """Join the neighbours of the node of least degree, first in order; its degree becomes the largest number."""
     i = 0

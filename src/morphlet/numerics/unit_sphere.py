@@ -127,7 +127,7 @@ def rotations_about(vectors: Float[np.ndarray, "k 3"]) -> Float[np.ndarray, "k 3
     return Rotation.from_rotvec(vectors).as_matrix()
 
 
-def rotation_angles(first: Float[np.ndarray, "*k 3 3"], second: Float[np.ndarray, "*k 3 3"]) -> Float[np.ndarray, "*k"]:
+def rotation_angles(first: Float[np.ndarray, "*#k 3 3"], second: Float[np.ndarray, "*#k 3 3"]) -> Float[np.ndarray, "*k"]:
     """Angle of the rotation from the first to the second, in [0, pi].
 
     Examples

@@ -38,6 +38,7 @@ NEWTON_RAW_BELOW = 2000
 """The unprojected Hessian is positive definite mostly below 1000 to 2000 vertices, never seen so above."""
 LEVEL_NEWTON = NewtonOptions(10, 1e-3)
 LAST_NEWTON = NewtonOptions(6, 1e-4)
+BALANCE_NEWTON = NewtonOptions(40, 1e-4)
 VIRTUAL_WEIGHT = 0.01
 """Weight of the faces that fill holes: they must not fold, their shape is nobody's concern."""
 TETRAHEDRON = np.array([[1.0, 1, 1], [1, -1, -1], [-1, 1, -1], [-1, -1, 1]]) / np.sqrt(3.0)
@@ -53,7 +54,8 @@ class Attempt:
 
 
 LADDER = (Attempt("shape", FINE_FLOOR, 0), Attempt("shape", 0.05, 4), Attempt("valence", 2.3, 30))
-"""From fast to certain. 2.3 is the squared edge of an equilateral triangle of mean area: coarse levels see connectivity only."""
+"""From fast to certain. 2.3 is the squared edge of an equilateral triangle of mean area: the coarse levels of the last rung see
+connectivity only, also where edges are long (a needle of 1:1:1000: mean distortion 25, against 2e9 with its positions)."""
 
 
 Weights = Literal["uniform", "area"]
@@ -69,16 +71,27 @@ class SphereOptions:
         Exponent of the distortion of a triangle, in (0, 1]: smaller gives a lower mean and a longer tail.
     weights
         "uniform": every triangle counts the same; "area": in proportion to its area.
+    balance
+        None: isometric. Otherwise the map is relaxed once more, from angles alone (0) to areas alone (1).
+
+    Examples
+    --------
+    >>> from morphlet import SphereOptions
+    >>> SphereOptions(p=0.5).weights
+    'uniform'
     """
 
     p: float = 1.0
     weights: Weights = "uniform"
+    balance: float | None = None
 
     def __post_init__(self) -> None:
         if not 0 < self.p <= 1:
             raise InputError("p in (0, 1]", str(self.p), "choose 1 for the shortest tail, 0.5 for the lowest mean")
         if self.weights not in get_args(Weights):
             raise InputError(f"weights to be one of {', '.join(get_args(Weights))}", repr(self.weights), "choose one of these")
+        if self.balance is not None and not 0 <= self.balance <= 1:
+            raise InputError("balance in [0, 1], or None", str(self.balance), "choose 0 for angles, 1 for areas")
 
 
 @dataclass(frozen=True, eq=False)
@@ -189,7 +202,7 @@ class Level:
         return int(np.bincount(self.F.ravel()).max())
 
     @cached_property
-    def _columns(self) -> tuple[Int[np.ndarray, "n"], Int[np.ndarray, "2n+1"]]:
+    def _columns(self) -> tuple[Int[np.ndarray, "n"], Int[np.ndarray, "d1"]]:
         """First edge of each vertex's block column, and the column pointers."""
         low = self._sorted_edges[0]
         first = np.searchsorted(low, np.arange(len(self.V) + 1))
@@ -198,7 +211,7 @@ class Level:
         return first, np.concatenate([[0], np.cumsum(lengths)])
 
     @property
-    def diagonal(self) -> Int[np.ndarray, "2n"]:
+    def diagonal(self) -> Int[np.ndarray, "d"]:
         """Places of the diagonal among the Hessian's values."""
         return self._columns[1][:-1]
 
@@ -257,8 +270,7 @@ class Level:
         """Gradient and Hessian values in the tangent frames of x."""
         self.frames = np.empty((len(x), 2, 3))
         energy.frames(x, self.frames)
-        g, H = np.empty((len(self.F), 6)), np.empty((len(self.F), 21))
-        energy.derivatives(x, self.F, self.frames, self.reference, self.form, self.shape, self.majorant, project, g, H)
+        g, H = energy.derivatives(x, self.F, self.reference, self.form, self.shape, self.majorant, self.frames, project)
         unknowns = 2 * self.F[:, [0, 0, 1, 1, 2, 2]] + np.array([0, 1, 0, 1, 0, 1])
         gradient = np.bincount(unknowns.ravel(), g.ravel(), 2 * len(x))
         return gradient, np.bincount(self.scatter.ravel(), H.ravel(), self._columns[1][-1])
@@ -298,6 +310,7 @@ class _Ascent:
     def __init__(self, mesh: Mesh, virtual: Bool[np.ndarray, "m"], options: SphereOptions, attempt: Attempt, recorder: Recorder) -> None:
         self.V, self.full = np.array(mesh.vertices), np.array(mesh.faces)
         self.options, self.attempt, self.recorder = options, attempt, recorder
+        self.coarse = self.V if attempt.cost == "shape" else np.zeros_like(self.V)
         self.hierarchy = decimate(mesh, attempt.cost)
         h = self.hierarchy
         self.records = (h.removed, h.ring_offsets, h.ring_vertices, h.ring_faces)
@@ -327,11 +340,11 @@ class _Ascent:
     def _insert(self, high: int, low: int) -> None:
         """Undo records high - 1 .. low; where a ring's kernel is lost to rounding, relax the mesh so far and go on there."""
         rows = self.F[self.F[:, 0] >= 0]
-        scale2 = 4 * np.pi / energy.slack_areas(self.V, rows).sum()
+        scale2 = 4 * np.pi / energy.slack_areas(self.coarse, rows).sum()
         n = int(self.alive.sum())
         floor2 = self.attempt.floor * 4 * np.pi / (2 * n)
         for retry in range(self.attempt.retries + 1):
-            failed = insert(high, low, self.records, self.V, self.S, self.F, scale2, floor2, self.hierarchy.max_ring)
+            failed = insert(high, low, self.records, self.coarse, self.S, self.F, scale2, floor2, self.hierarchy.max_ring)
             if failed < 0:
                 return
             high = failed + 1
@@ -355,7 +368,8 @@ class _Ascent:
     def _level(self, last: bool) -> tuple[Level, Int[np.ndarray, "k"]]:
         """The mesh so far, with its metric and weights."""
         vertices, faces = _compact(self.F, len(self.V))
-        metric = energy.reference(self.V[vertices], faces, FINE_FLOOR if last else self.attempt.floor)
+        seen, floor = (self.V, FINE_FLOOR) if last else (self.coarse, self.attempt.floor)
+        metric = energy.reference(seen[vertices], faces, floor)
         if last:
             weight = self.weights[self.F[:, 0] >= 0]
         else:
@@ -373,6 +387,9 @@ class _Ascent:
         chosen = LAST_NEWTON if last else LEVEL_NEWTON
         chosen = NewtonOptions(chosen.iterations, chosen.tolerance, try_raw=n < NEWTON_RAW_BELOW)
         level.S, reason = newton(level, level.S, chosen, lambda *step: self.recorder.note(f"newton {n}", *step))
+        if last and self.options.balance is not None:
+            level.form, level.shape, level.p = energy.ANGLE_AREA, self.options.balance, 1.0
+            level.S, reason = newton(level, level.S, BALANCE_NEWTON, lambda *step: self.recorder.note("balance", *step))
         return reason
 
 

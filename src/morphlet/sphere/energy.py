@@ -10,31 +10,30 @@ D is the orientation predicate itself (chord area times the distance of its plan
 the chord area would let a triangle grow to a hemisphere and pass through the centre. Weights sum to 4 pi.
 """
 
+from collections.abc import Callable
 from typing import NamedTuple
 
 import numpy as np
 from jaxtyping import Float, Int
-from numba import njit, prange
+from numba import njit
+
+from morphlet.numerics.threads import each
 
 ISOMETRIC, HINGE, ANGLE_AREA = 0, 1, 2
 """Forms of f: the symmetric Dirichlet energy; max(0, a - D)^2, which pulls folded triangles open; and
 (1 - a) n / (2 D) + a (D + 1 / D) / 2, which weighs angles against areas."""
-CHUNKS = 64
-"""Sums are taken in 64 fixed pieces, then in order (no `.sum()` under parallel=True, which numba splits among the threads):
-the same bits for any number of threads."""
-SERIAL_BELOW = 6000
-"""Faces below which one thread does the work: waking the others can cost 20 ms a call. No array is made under parallel=True
-(filling it is a parallel loop too)."""
-LANES = 8
-"""Triangles whose 6x6 blocks are projected side by side, one per SIMD lane."""
+PIECES = 16
+"""Large meshes are summed in 16 fixed pieces, then in order: the same bits for any number of threads."""
+SERIAL_BELOW = 3000
+"""Faces below which one thread is faster: waking others costs more."""
 SHAPE_FLOOR = 1e-3
 """Smallest 4 A / (longest edge)^2 of a reference triangle: a sliver has no barrier of its own."""
 AREA_SLACK = 1e-4
 """Share of its squared edge lengths added to a triangle's area in weights and scale: finite on degenerate input."""
 JACOBI_SWEEPS = 7
 """Cyclic Jacobi sweeps on a 6x6 block; convergence is quadratic and 5 to 6 reach rounding."""
-JACOBI_TOLERANCE = 1e-9
-"""Relative off-diagonal at which sweeps stop: far below what a descent direction can feel."""
+JACOBI_TOLERANCE = 1e-4
+"""Off-diagonal, relative to its diagonal, that is left standing: far below what a descent direction can feel."""
 MARCH_STEPS = 200
 """Bound on the march towards a fold; the step grows by 1.6, so it is never reached in practice."""
 
@@ -122,10 +121,10 @@ def density(form, a, n, D):  # f(n, D) and its derivatives: f, f_n, f_D, f_nD, f
     return angle * n * r + area * (D + r), angle * r, first, -angle * r * r, second
 
 
-@njit(cache=True, error_model="numpy")
-def _value_piece(chunk, S, F, ref, form, a, p, majorant):  # the sum over one of the pieces
-    m, total = F.shape[0], 0.0
-    for t in range(m * chunk // CHUNKS, m * (chunk + 1) // CHUNKS):
+@njit(cache=True, nogil=True, error_model="numpy")
+def _value(first, last, S, F, ref, form, a, p, majorant):  # the sum over faces first .. last - 1
+    total = 0.0
+    for t in range(first, last):
         i, j, k = F[t, 0], F[t, 1], F[t, 2]
         D = determinant(S, i, j, k) * ref.inverse[t]
         if D <= 0.0 and form != HINGE:
@@ -138,23 +137,17 @@ def _value_piece(chunk, S, F, ref, form, a, p, majorant):  # the sum over one of
     return total
 
 
-@njit(parallel=True, cache=True, error_model="numpy")
-def _value_pieces(partial, S, F, ref, form, a, p, majorant):  # partial (CHUNKS,), by all threads
-    for chunk in prange(CHUNKS):
-        partial[chunk] = _value_piece(chunk, S, F, ref, form, a, p, majorant)
+def value(
+    S: Float[np.ndarray, "n 3"], F: Int[np.ndarray, "m 3"], ref: Reference, form: int, a: float, p: float, majorant: Float[np.ndarray, "m"]
+) -> float:
+    """E of a spherical mesh; `majorant` receives w p f^(p-1), the weights that majorise f^p for p <= 1."""
+    return sum(_by_pieces(_value, len(F), S, F, ref, form, a, p, majorant))
 
 
-@njit(cache=True, error_model="numpy")
-def value(S, F, ref, form, a, p, majorant):  # E; majorant (m,) receives w p f^(p-1), the weights that majorise f^p for p <= 1
-    partial, total = np.zeros(CHUNKS), 0.0
-    if F.shape[0] < SERIAL_BELOW:
-        for chunk in range(CHUNKS):
-            partial[chunk] = _value_piece(chunk, S, F, ref, form, a, p, majorant)
-    else:
-        _value_pieces(partial, S, F, ref, form, a, p, majorant)
-    for chunk in range(CHUNKS):
-        total += partial[chunk]
-    return total
+def _by_pieces(kernel: Callable[..., float], m: int, *arguments: object) -> list[float]:
+    """kernel(first, last, ...) over fixed pieces of m faces: one piece of a small mesh, many of a large one."""
+    pieces = 1 if m < SERIAL_BELOW else PIECES
+    return each(lambda i: kernel(m * i // pieces, m * (i + 1) // pieces, *arguments), pieces)
 
 
 @njit(inline="always")
@@ -224,82 +217,76 @@ def _triangle_terms(t, S, F, T, ref, form, a, weight, work, g, H):  # g (m, 6) r
 
 
 @njit(cache=True, error_model="numpy")
-def _rotate(A, U, p, q, cosine, sine):  # one Jacobi rotation of rows and columns p, q, in all lanes
-    for l in range(LANES):
-        d, x = A[q, q, l] - A[p, p, l], A[p, q, l]
-        t = np.copysign(2.0, d) * x / (abs(d) + np.sqrt(d * d + 4 * x * x) + 1e-300)
-        cosine[l] = 1 / np.sqrt(1 + t * t)
-        sine[l] = t * cosine[l]
-        A[p, p, l] -= t * x
-        A[q, q, l] += t * x
-        A[p, q, l] = A[q, p, l] = 0.0
+def _rotate(A, U, p, q):  # one Jacobi rotation of rows p < q; A: lower triangle, U: eigenvectors as rows
+    x, d = A[q, p], A[q, q] - A[p, p]
+    t = np.copysign(2.0, d) * x / (abs(d) + np.sqrt(d * d + 4 * x * x) + 1e-300)
+    c = 1 / np.sqrt(1 + t * t)
+    s = t * c
+    A[p, p] -= t * x
+    A[q, q] += t * x
+    A[q, p] = 0.0
+    for k in range(p):
+        y, z = A[p, k], A[q, k]
+        A[p, k], A[q, k] = c * y - s * z, s * y + c * z
+    for k in range(p + 1, q):
+        y, z = A[k, p], A[q, k]
+        A[k, p], A[q, k] = c * y - s * z, s * y + c * z
+    for k in range(q + 1, 6):
+        y, z = A[k, p], A[k, q]
+        A[k, p], A[k, q] = c * y - s * z, s * y + c * z
     for k in range(6):
-        if k != p and k != q:
-            for l in range(LANES):
-                x, y = A[k, p, l], A[k, q, l]
-                A[k, p, l] = cosine[l] * x - sine[l] * y
-                A[k, q, l] = sine[l] * x + cosine[l] * y
-            for l in range(LANES):
-                A[p, k, l], A[q, k, l] = A[k, p, l], A[k, q, l]
-        for l in range(LANES):
-            x, y = U[k, p, l], U[k, q, l]
-            U[k, p, l] = cosine[l] * x - sine[l] * y
-            U[k, q, l] = sine[l] * x + cosine[l] * y
+        y, z = U[p, k], U[q, k]
+        U[p, k], U[q, k] = c * y - s * z, s * y + c * z
 
 
 @njit(cache=True, error_model="numpy")
-def diagonalise(A, U):  # A (6, 6, LANES) symmetric -> eigenvalues on its diagonals; U (6, 6, LANES) the eigenvectors
-    cosine, sine = np.empty(LANES), np.empty(LANES)
-    U[:] = 0.0
+def project_psd(A, U):  # A (6, 6) lower triangle -> its nearest positive semi-definite matrix; U (6, 6) scratch
     for i in range(6):
-        U[i, i, :] = 1.0
+        for j in range(6):
+            U[i, j] = 1.0 if i == j else 0.0
     for _ in range(JACOBI_SWEEPS):
-        off = 0.0
-        for i in range(6):
-            for j in range(i):
-                for l in range(LANES):
-                    off = max(off, abs(A[i, j, l]) / (abs(A[i, i, l]) + abs(A[j, j, l]) + 1e-300))
-        if off <= JACOBI_TOLERANCE:
-            break
+        done = True
         for p in range(5):
             for q in range(p + 1, 6):
-                _rotate(A, U, p, q, cosine, sine)
+                if A[q, p] * A[q, p] > JACOBI_TOLERANCE**2 * abs(A[p, p] * A[q, q]):
+                    done = False
+                    _rotate(A, U, p, q)
+        if done:
+            break
+    e0, e1, e2, e3, e4, e5 = A[0, 0], A[1, 1], A[2, 2], A[3, 3], A[4, 4], A[5, 5]
+    for i in range(6):
+        for j in range(i + 1):
+            A[i, j] = 0.0
+    for k, e in enumerate((e0, e1, e2, e3, e4, e5)):
+        if e > 0.0:
+            for i in range(6):
+                y = e * U[k, i]
+                for j in range(i + 1):
+                    A[i, j] += y * U[k, j]
 
 
-@njit(cache=True, error_model="numpy")
-def _derivatives_piece(chunk, S, F, T, ref, form, a, weight, project, g, H):
-    m = F.shape[0]
+@njit(cache=True, nogil=True, error_model="numpy")
+def _derivatives(first, last, S, F, T, ref, form, a, weight, project, g, H):
     work = (np.empty((3, 3)), np.empty((3, 3)), np.empty(6), np.empty(6))
-    h, A, U = np.empty((6, 6)), np.empty((6, 6, LANES)), np.empty((6, 6, LANES))
-    last = m * (chunk + 1) // CHUNKS
-    for first in range(m * chunk // CHUNKS, last, LANES):
-        for l in range(LANES):
-            t = min(first + l, last - 1)
-            _triangle_terms(t, S, F, T, ref, form, a, weight[t], work, g, h)
-            for i in range(6):
-                for j in range(i + 1):
-                    A[i, j, l] = A[j, i, l] = h[i, j]
+    A, U = np.empty((6, 6)), np.empty((6, 6))
+    for t in range(first, last):
+        _triangle_terms(t, S, F, T, ref, form, a, weight[t], work, g, A)
         if project:
-            diagonalise(A, U)
-        for l in range(min(LANES, last - first)):
-            for i in range(6):
-                for j in range(i + 1):
-                    total = A[i, j, l]
-                    if project:
-                        total = 0.0
-                        for k in range(6):
-                            total += U[i, k, l] * max(A[k, k, l], 0.0) * U[j, k, l]
-                    H[first + l, i * (i + 1) // 2 + j] = total
+            project_psd(A, U)
+        for i in range(6):
+            for j in range(i + 1):
+                H[t, i * (i + 1) // 2 + j] = A[i, j]
+    return 0.0
 
 
-@njit(parallel=True, cache=True, error_model="numpy")
-def derivatives(S, F, T, ref, form, a, weight, project, g, H):  # g (m, 6), H (m, 21): gradient and lower Hessian of every triangle
-    if F.shape[0] < SERIAL_BELOW:
-        for chunk in range(CHUNKS):
-            _derivatives_piece(chunk, S, F, T, ref, form, a, weight, project, g, H)
-    else:
-        for chunk in prange(CHUNKS):
-            _derivatives_piece(chunk, S, F, T, ref, form, a, weight, project, g, H)
+def derivatives(
+    S: Float[np.ndarray, "n 3"], F: Int[np.ndarray, "m 3"], ref: Reference, form: int, a: float,
+    weight: Float[np.ndarray, "m"], T: Float[np.ndarray, "n 2 3"], project: bool,
+) -> tuple[Float[np.ndarray, "m 6"], Float[np.ndarray, "m 21"]]:  # fmt: skip
+    """Gradient and lower triangle of the Hessian of every face in the tangent frames T, blocks made PSD if `project`."""
+    g, H = np.empty((len(F), 6)), np.empty((len(F), 21))
+    _by_pieces(_derivatives, len(F), S, F, T, ref, form, a, weight, project, g, H)
+    return g, H
 
 
 @njit(cache=True)
@@ -336,10 +323,10 @@ def _first_fold(c0, c1, c2, c3, limit):  # a lower bound of the first root of c0
     return low
 
 
-@njit(cache=True)
-def _largest_piece(chunk, S, U, F, limit):
-    m, least = F.shape[0], limit
-    for t in range(m * chunk // CHUNKS, m * (chunk + 1) // CHUNKS):
+@njit(cache=True, nogil=True)
+def _largest_step(first, last, S, U, F, limit):
+    least = limit
+    for t in range(first, last):
         i, j, k = F[t, 0], F[t, 1], F[t, 2]
         ax, ay, az, ux, uy, uz = S[i, 0], S[i, 1], S[i, 2], U[i, 0], U[i, 1], U[i, 2]
         ex, ey, ez, gx, gy, gz = S[j, 0] - ax, S[j, 1] - ay, S[j, 2] - az, S[k, 0] - ax, S[k, 1] - ay, S[k, 2] - az
@@ -354,18 +341,6 @@ def _largest_piece(chunk, S, U, F, limit):
     return least
 
 
-@njit(parallel=True, cache=True)
-def _largest_pieces(least, S, U, F, limit):  # least (CHUNKS,), by all threads
-    for chunk in prange(CHUNKS):
-        least[chunk] = _largest_piece(chunk, S, U, F, limit)
-
-
-@njit(cache=True)
-def largest_step(S, U, F, limit):  # a step below `limit` up to which no det(a + t u, b + t v, c + t w) reaches 0
-    least = np.full(CHUNKS, limit)
-    if F.shape[0] < SERIAL_BELOW:
-        for chunk in range(CHUNKS):
-            least[0] = _largest_piece(chunk, S, U, F, least[0])
-    else:
-        _largest_pieces(least, S, U, F, limit)
-    return least.min()
+def largest_step(S: Float[np.ndarray, "n 3"], U: Float[np.ndarray, "n 3"], F: Int[np.ndarray, "m 3"], limit: float) -> float:
+    """A step up to `limit` along U before which no det(a + t u, b + t v, c + t w) reaches 0."""
+    return min(_by_pieces(_largest_step, len(F), S, U, F, limit))

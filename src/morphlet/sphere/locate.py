@@ -8,10 +8,11 @@ from dataclasses import dataclass
 
 import numpy as np
 from jaxtyping import Float, Int
-from numba import njit, prange
+from numba import njit
 
 from morphlet.errors import SolveError
 from morphlet.numerics.predicates import determinant_signs
+from morphlet.numerics.threads import each
 from morphlet.surface.hierarchy import following
 from morphlet.surface.mesh import Topology
 
@@ -32,7 +33,7 @@ class Locator:
     points: Float[np.ndarray, "n 3"]
     corner: Int[np.ndarray, "h"]
     twin: Int[np.ndarray, "h"]
-    grid: Int[np.ndarray, "6cc"]
+    grid: Int[np.ndarray, "c"]
 
     @staticmethod
     def prepare(points: Float[np.ndarray, "n 3"], topology: Topology) -> "Locator":
@@ -55,10 +56,8 @@ class Locator:
         cells = int(np.sqrt(len(self.grid) / 6))
         limit = int(WALK_FACTOR * np.sqrt(len(self.corner) / 3)) + 10
         mesh = (self.points, self.corner, self.twin, self.grid, cells, limit)
-        if len(directions) < PARALLEL_FROM:
-            _walk_range(*mesh, 0, len(directions), directions, face, weights)
-        else:
-            _walk_all(*mesh, directions, face, weights)
+        k, slices = len(directions), SLICES if len(directions) >= PARALLEL_FROM else 1
+        each(lambda i: _walk_range(*mesh, k * i // slices, k * (i + 1) // slices, directions, face, weights), slices)
         for query in np.nonzero(face < 0)[0]:
             face[query], weights[query] = self._exhaustive(directions[query])
         return face, weights
@@ -108,8 +107,8 @@ def _centre(cell, cells):  # direction through the middle of a cell
 @njit(cache=True)
 def _fill(points, corner, cells, grid):  # one face per cell; empty cells take a neighbour's, breadth first
     for h in range(corner.shape[0]):
-        p = points[corner[h]]
-        grid[_cell(p[0], p[1], p[2], cells)] = h // 3
+        p = corner[h]
+        grid[_cell(points[p, 0], points[p, 1], points[p, 2], cells)] = h // 3
     queue = np.empty(grid.shape[0], np.int64)
     head, tail = 0, 0
     for cell in range(grid.shape[0]):
@@ -153,15 +152,15 @@ def _walk(points, corner, twin, face, limit, seed, x, y, z):  # face that holds 
                 break
         if onward < 0:
             for c in range(3):  # some corner lies ahead, unless rounding stopped the walk at the antipode
-                p = points[corner[3 * face + c]]
-                if x * p[0] + y * p[1] + z * p[2] > 0:
+                p = corner[3 * face + c]
+                if x * points[p, 0] + y * points[p, 1] + z * points[p, 2] > 0:
                     return face
             return -1
         came, face = onward, onward // 3
     return -1
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def _walk_range(points, corner, twin, grid, cells, limit, first, last, directions, face, weights):
     for q in range(first, last):
         x, y, z = directions[q, 0], directions[q, 1], directions[q, 2]
@@ -172,14 +171,7 @@ def _walk_range(points, corner, twin, grid, cells, limit, first, last, direction
             w = _side(points, corner[3 * f + (e + 1) % 3], corner[3 * f + (e + 2) % 3], x, y, z) if f >= 0 else 0.0
             weights[q, e] = max(w, 0.0)
             total += weights[q, e]
-        if total > 0:
-            weights[q] /= total
-        else:
+        for e in range(3):
+            weights[q, e] = weights[q, e] / total if total > 0 else 0.0
+        if not total > 0:
             face[q] = -1
-
-
-@njit(parallel=True, cache=True)
-def _walk_all(points, corner, twin, grid, cells, limit, directions, face, weights):  # by all threads
-    k = directions.shape[0]
-    for s in prange(SLICES):
-        _walk_range(points, corner, twin, grid, cells, limit, k * s // SLICES, k * (s + 1) // SLICES, directions, face, weights)

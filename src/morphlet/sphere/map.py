@@ -16,7 +16,7 @@ from morphlet.numerics.optimize import OnStep, Trace
 from morphlet.sphere.embed import SphereOptions, embed
 from morphlet.sphere.locate import Locator
 from morphlet.sphere.quality import Certificate, Quality, certificate, measure
-from morphlet.surface.mesh import Mesh
+from morphlet.surface.mesh import Mesh, Topology
 from morphlet.surface.points import SurfacePoints
 from morphlet.surface.repair import Repair, Repaired, RepairOptions, close
 
@@ -101,7 +101,8 @@ class SphericalMap:
     def real_part(self) -> tuple[Mesh, Float[np.ndarray, "n 3"]]:
         """The mended mesh without virtual faces, and its points."""
         mesh = self.surface.mesh
-        return Mesh(mesh.vertices, mesh.faces[self.surface.face_map >= 0]), self.closed_points
+        real = Topology(mesh.faces[self.surface.face_map >= 0], mesh.n_vertices)
+        return Mesh(mesh.vertices, real), self.closed_points
 
     def save(self, path: str | os.PathLike[str]) -> None:
         """Write the map to an `.npz` file: points and faces for the reader, the closed surface for `load`."""
@@ -129,10 +130,21 @@ class SphericalMap:
         a = _store.load(path, KIND, VERSION, names)
         if str(a["fingerprint"]) != mesh.fingerprint:
             raise FileError(f"the map of this mesh in {path}", "the map of another mesh", "map this mesh again")
-        repairs = tuple(Repair(what, int(count)) for count, what in (str(text).split(" ", 1) for text in a["repairs"]))
-        closed = Mesh(a["closed_vertices"], a["closed_faces"])
-        surface = Repaired(mesh, closed, a["vertex_map"], a["valid"], a["face_map"], a["flipped"], repairs)
-        return SphericalMap(surface, a["closed_points"], Trace((), "read from a file"))
+        try:
+            return SphericalMap(_stored_surface(mesh, a), a["closed_points"], Trace((), "read from a file"))
+        except ValueError as error:
+            raise FileError(f"arrays that fit together in {path}", str(error), "map this mesh again") from error
+
+
+def _stored_surface(mesh: Mesh, a: dict[str, np.ndarray]) -> Repaired:
+    """The closed surface of a mesh from the arrays of a file; a `ValueError` where they do not fit together."""
+    closed = Mesh(a["closed_vertices"], Topology(a["closed_faces"], len(a["closed_vertices"])))
+    vertex_map = _arrays.index(a["vertex_map"], "vertex_map", (mesh.n_vertices,), closed.n_vertices)
+    face_map = _arrays.index(a["face_map"].astype(np.int64) + 1, "face_map + 1", (closed.n_faces,), mesh.n_faces + 1) - 1
+    valid = _arrays.index(a["valid"].astype(np.int64), "valid", (mesh.n_vertices,), 2) > 0
+    flipped = _arrays.index(a["flipped"].astype(np.int64), "flipped", (closed.n_faces,), 2) > 0
+    repairs = tuple(Repair(what, int(count)) for count, what in (str(text).split(" ", 1) for text in a["repairs"].ravel()))
+    return Repaired(mesh, closed, vertex_map, valid, face_map, flipped, repairs)
 
 
 def spherical_map(mesh: Mesh, options: SphereOptions | None = None, on_step: OnStep | None = None) -> SphericalMap:

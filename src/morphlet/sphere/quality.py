@@ -91,7 +91,7 @@ def singular_values(
     l, x, y = _flattened(mesh.vertices * (np.sqrt(4 * np.pi) / np.sqrt(max(mesh.area, np.finfo(float).tiny))), mesh.faces)
     L, X, Y = _flattened(points, mesh.faces)
     shaped = (y > DEGENERATE_HEIGHT * l) & (l > 0) & (Y > 0) & (L > 0)
-    l, y = np.where(shaped, l, 1.0), np.where(shaped, y, 1.0)
+    l, x, y = np.where(shaped, l, 1.0), np.where(shaped, x, 0.0), np.where(shaped, y, 1.0)
     stretch, shear, height = L / l, (X - x * L / l) / y, Y / y
     square, det = stretch**2 + shear**2 + height**2, stretch * height
     larger = np.sqrt((square + np.sqrt(np.maximum(square**2 - 4 * det**2, 0))) / 2)

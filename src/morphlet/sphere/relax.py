@@ -4,9 +4,13 @@ Around a vertex x the energy of its ring is sum_j w_j n_j (1 + D_j^-2) with D_j 
 N_j = (b_j x c_j) / (2 A_j); it is infinite only where some D_j <= 0, that is outside the kernel of the ring.
 """
 
-import numpy as np
-from numba import njit, prange
+from itertools import pairwise
 
+import numpy as np
+from jaxtyping import Int
+from numba import njit
+
+from morphlet.numerics.threads import each
 from morphlet.sphere.energy import distance2, tangents, triangle_reference
 from morphlet.surface.hierarchy import following, preceding
 
@@ -106,7 +110,7 @@ def relax_vertex(x, y, z, m, R, steps):  # damped Newton from (x, y, z), whose r
     return x, y, z
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def relax_range(vertices, first, last, S, corner, twin, start, ref, weight, size):  # one Newton step per vertex, in place
     R = ring_buffer(size)
     for i in range(first, last):
@@ -124,13 +128,12 @@ def relax_range(vertices, first, last, S, corner, twin, start, ref, weight, size
         S[u, 0], S[u, 1], S[u, 2] = relax_vertex(S[u, 0], S[u, 1], S[u, 2], m, R, 1)
 
 
-@njit(parallel=True, cache=True)
-def relax_colours(order, offsets, S, corner, twin, start, ref, weight, size):  # vertices of one colour are independent
-    for c in range(offsets.shape[0] - 1):
-        first, n = offsets[c], offsets[c + 1] - offsets[c]
-        slices = SLICES if n >= SMALL_CLASS else 1
-        for s in prange(slices):
-            relax_range(order, first + n * s // slices, first + n * (s + 1) // slices, S, corner, twin, start, ref, weight, size)
+def relax_colours(order: Int[np.ndarray, "n"], offsets: Int[np.ndarray, "c"], *arguments: object) -> None:
+    """`relax_range` of every vertex, colour by colour: vertices of one colour are independent."""
+    for first, last in pairwise(offsets.tolist()):
+        slices = SLICES if last - first >= SMALL_CLASS else 1
+        cuts = [first + (last - first) * s // slices for s in range(slices + 1)]
+        each(lambda s, cuts=cuts: relax_range(order, cuts[s], cuts[s + 1], *arguments), slices)  # type: ignore[misc]
 
 
 @njit(cache=True)
@@ -163,48 +166,53 @@ def colour_order(corner, twin, start, size):  # greedy colouring: vertices sorte
 
 
 @njit(cache=True)
-def _kernel_corners(k, N, ring, S, P, Q):  # corners of {x : x . N_j >= 0 for all j} into P; their count
-    v = ring[0]
-    vx, vy, vz = S[v, 0], S[v, 1], S[v, 2]
-    for e, (first, other) in enumerate(((0, k - 1), (k - 1, 0))):  # the lune of the first and last plane, with apexes v and -v
-        mx, my, mz = vy * N[first, 2] - vz * N[first, 1], vz * N[first, 0] - vx * N[first, 2], vx * N[first, 1] - vy * N[first, 0]
+def _lune(k, R, x, y, z, P):  # (x, y, z): first ring vertex v -> the lune of the first and last plane, apexes v and -v, into P
+    for e in range(2):
+        first, other = (0, k - 1) if e == 0 else (k - 1, 0)
+        nx, ny, nz = R[first, 6], R[first, 7], R[first, 8]
+        mx, my, mz = y * nz - z * ny, z * nx - x * nz, x * ny - y * nx
         s = 1 / (np.sqrt(mx * mx + my * my + mz * mz) + 1e-300)
-        if mx * N[other, 0] + my * N[other, 1] + mz * N[other, 2] < 0:
+        if mx * R[other, 6] + my * R[other, 7] + mz * R[other, 8] < 0:
             s = -s
         P[2 * e + 1, 0], P[2 * e + 1, 1], P[2 * e + 1, 2] = mx * s, my * s, mz * s
-    P[0, 0], P[0, 1], P[0, 2], P[2, 0], P[2, 1], P[2, 2] = vx, vy, vz, -vx, -vy, -vz
-    n = 4
-    for j in range(1, k - 1):
-        m = 0
-        for a in range(n):
-            b = a + 1 if a + 1 < n else 0
-            sa = P[a, 0] * N[j, 0] + P[a, 1] * N[j, 1] + P[a, 2] * N[j, 2]
-            sb = P[b, 0] * N[j, 0] + P[b, 1] * N[j, 1] + P[b, 2] * N[j, 2]
-            if sa >= 0:
-                Q[m] = P[a]
-                m += 1
-            if (sa > 0 and sb < 0) or (sa < 0 and sb > 0):
-                ta, tb = abs(sb), abs(sa)
-                x, y, z = P[a, 0] * ta + P[b, 0] * tb, P[a, 1] * ta + P[b, 1] * tb, P[a, 2] * ta + P[b, 2] * tb
-                s = 1 / (np.sqrt(x * x + y * y + z * z) + 1e-300)
-                Q[m, 0], Q[m, 1], Q[m, 2] = x * s, y * s, z * s
-                m += 1
-        n = m
-        P[:n] = Q[:n]
-        if n < 3:
-            return 0
-    return n
+    P[0, 0], P[0, 1], P[0, 2], P[2, 0], P[2, 1], P[2, 2] = x, y, z, -x, -y, -z
 
 
 @njit(cache=True)
-def kernel_point(k, N, ring, S, P, Q):  # a point well inside the kernel of a ring, and its least x . N_j (<= 0: none found)
-    n = _kernel_corners(k, N, ring, S, P, Q)
-    x, y, z = P[:n, 0].sum(), P[:n, 1].sum(), P[:n, 2].sum()
+def _clip(n, nx, ny, nz, P, Q):  # the part of the polygon P (n corners) where N . x >= 0, into Q; its corner count
+    m = 0
+    for a in range(n):
+        b = a + 1 if a + 1 < n else 0
+        sa = P[a, 0] * nx + P[a, 1] * ny + P[a, 2] * nz
+        sb = P[b, 0] * nx + P[b, 1] * ny + P[b, 2] * nz
+        if sa >= 0:
+            Q[m, 0], Q[m, 1], Q[m, 2] = P[a, 0], P[a, 1], P[a, 2]
+            m += 1
+        if (sa > 0 and sb < 0) or (sa < 0 and sb > 0):
+            ta, tb = abs(sb), abs(sa)
+            x, y, z = P[a, 0] * ta + P[b, 0] * tb, P[a, 1] * ta + P[b, 1] * tb, P[a, 2] * ta + P[b, 2] * tb
+            s = 1 / (np.sqrt(x * x + y * y + z * z) + 1e-300)
+            Q[m, 0], Q[m, 1], Q[m, 2] = x * s, y * s, z * s
+            m += 1
+    return m
+
+
+@njit(cache=True)
+def kernel_point(k, R, x, y, z, P, Q):  # a point inside {p : p . N_j > 0}, ring from v = (x, y, z); its least p . N_j (<= 0: none)
+    _lune(k, R, x, y, z, P)
+    n = 4
+    for j in range(1, k - 1):
+        n = _clip(n, R[j, 6], R[j, 7], R[j, 8], P, Q)
+        P, Q = Q, P
+        if n < 3:
+            return x, y, z, -1.0
+    x = y = z = 0.0
+    for a in range(n):
+        x, y, z = x + P[a, 0], y + P[a, 1], z + P[a, 2]
     s = 1 / (np.sqrt(x * x + y * y + z * z) + 1e-300)
-    x, y, z = x * s, y * s, z * s
-    margin = -1.0 if n < 3 else np.inf
+    x, y, z, margin = x * s, y * s, z * s, np.inf
     for j in range(k):
-        margin = min(margin, x * N[j, 0] + y * N[j, 1] + z * N[j, 2])
+        margin = min(margin, x * R[j, 6] + y * R[j, 7] + z * R[j, 8])
     return x, y, z, margin
 
 
@@ -214,10 +222,9 @@ def insert(high, low, records, V, S, F, scale2, floor2, size):  # undo records h
     R, P, Q = ring_buffer(size), np.empty((2 * size + 8, 3)), np.empty((2 * size + 8, 3))
     for i in range(high - 1, low - 1, -1):
         u, first, k = removed[i], offsets[i], offsets[i + 1] - offsets[i]
-        ring = ring_vertices[first : first + k]
         mx = my = mz = 0.0
         for j in range(k):
-            b, c, row = ring[j], ring[(j + 1) % k], ring_faces[first + j]
+            b, c, row = ring_vertices[first + j], ring_vertices[first + (j + 1) % k], ring_faces[first + j]
             F[row, 0], F[row, 1], F[row, 2] = u, b, c
             lb, lc = distance2(V, u, b) * scale2, distance2(V, c, u) * scale2
             k0, k1, k2, area = triangle_reference(distance2(V, b, c) * scale2, lc, lb, floor2)
@@ -225,7 +232,8 @@ def insert(high, low, records, V, S, F, scale2, floor2, size):  # undo records h
             pull = 1 / np.sqrt(lb + 1e-300)
             mx, my, mz = mx + pull * S[b, 0], my + pull * S[b, 1], mz + pull * S[b, 2]
         s = 1 / (np.sqrt(mx * mx + my * my + mz * mz) + 1e-300)
-        x, y, z, margin = kernel_point(k, R[:, 6:9], ring, S, P, Q)
+        v = ring_vertices[first]
+        x, y, z, margin = kernel_point(k, R, S[v, 0], S[v, 1], S[v, 2], P, Q)
         if ring_energy(mx * s, my * s, mz * s, k, R) < (ring_energy(x, y, z, k, R) if margin > 0 else np.inf):
             x, y, z = mx * s, my * s, mz * s
         elif not margin > 0:

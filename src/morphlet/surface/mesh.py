@@ -8,11 +8,12 @@ Everything here costs O(n) to O(n log n), is computed at first use and kept.
 import hashlib
 from dataclasses import dataclass
 from functools import cached_property
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, cast
 
 import numpy as np
 import scipy.sparse as sp
 from jaxtyping import Bool, Float, Int
+from numpy.typing import ArrayLike
 from scipy.sparse.csgraph import connected_components
 
 from morphlet import _arrays
@@ -147,7 +148,7 @@ class Topology:
         return tuple(sorted(loops, key=len, reverse=True))
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, init=False)
 class Mesh:
     """A triangle mesh, immutable.
 
@@ -169,13 +170,13 @@ class Mesh:
     vertices: Float[np.ndarray, "n 3"]
     topology: Topology
 
-    def __post_init__(self) -> None:
-        vertices = _arrays.real(self.vertices, "vertices", (None, 3))
-        topology = self.topology if isinstance(self.topology, Topology) else Topology(self.topology, len(vertices))
-        if topology.n_vertices != len(vertices):
-            raise InputError(f"{topology.n_vertices} vertices for this topology", str(len(vertices)), "pass one position per vertex")
-        object.__setattr__(self, "vertices", vertices)
-        object.__setattr__(self, "topology", topology)
+    def __init__(self, vertices: ArrayLike, topology: Topology | ArrayLike) -> None:
+        positions = _arrays.real(vertices, "vertices", (None, 3))
+        shared = topology if isinstance(topology, Topology) else Topology(cast(np.ndarray, topology), len(positions))
+        if shared.n_vertices != len(positions):
+            raise InputError(f"{shared.n_vertices} vertices for this topology", str(len(positions)), "pass one position per vertex")
+        object.__setattr__(self, "vertices", positions)
+        object.__setattr__(self, "topology", shared)
 
     def __reduce__(self) -> tuple[Any, ...]:
         return Mesh, (np.array(self.vertices), self.topology)

@@ -50,7 +50,7 @@ def nearest(mesh: Mesh, positions: Float[np.ndarray, "k 3"]) -> SurfacePoints:
     import igl
 
     _, face, _ = igl.point_mesh_squared_distance(np.array(points), np.array(mesh.vertices), np.array(mesh.faces))
-    return SurfacePoints(face, nearest_weights(points, mesh.vertices[mesh.faces[face]]))
+    return SurfacePoints(face.astype(np.int64), nearest_weights(points, mesh.vertices[mesh.faces[face]]))
 
 
 def nearest_weights(points: Float[np.ndarray, "k 3"], corners: Float[np.ndarray, "k 3 3"]) -> Float[np.ndarray, "k 3"]:

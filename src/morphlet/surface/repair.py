@@ -327,11 +327,11 @@ def _drafted(mesh: Mesh) -> _Draft:
 
 def _dropped(draft: _Draft, _: RepairOptions) -> _Draft:
     bad = degenerate(draft.faces)
-    draft = draft.with_faces(~bad).noted("dropped faces that repeat a vertex", bad.sum())
+    draft = draft.with_faces(~bad).noted("dropped faces that repeat a vertex", int(bad.sum()))
     back = back_to_back(draft.faces, len(draft.vertices))
-    draft = draft.with_faces(~back).noted("dropped faces lying back to back", back.sum())
+    draft = draft.with_faces(~back).noted("dropped faces lying back to back", int(back.sum()))
     again = repeated(draft.faces)
-    return draft.with_faces(~again).noted("dropped faces with the vertices of an earlier face", again.sum())
+    return draft.with_faces(~again).noted("dropped faces with the vertices of an earlier face", int(again.sum()))
 
 
 def _welded(draft: _Draft, options: RepairOptions) -> _Draft:
@@ -352,8 +352,8 @@ def _oriented(draft: _Draft, options: RepairOptions) -> _Draft:
     reverse, one_sided = disagreeing(draft.faces, len(draft.vertices))
     reverse &= options.orient
     draft = _reversed(replace(draft, one_sided=one_sided), reverse)
-    draft = draft.noted("reversed faces that disagreed with their neighbours", reverse.sum())
-    return draft.noted("left faces of one-sided parts as they were", one_sided.sum())
+    draft = draft.noted("reversed faces that disagreed with their neighbours", int(reverse.sum()))
+    return draft.noted("left faces of one-sided parts as they were", int(one_sided.sum()))
 
 
 def _reversed(draft: _Draft, reverse: Bool[np.ndarray, "m"]) -> _Draft:

@@ -1,0 +1,22 @@
+"""All benchmarks, one after the other: python -m benchmarks [--data FOLDER]."""
+
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+SCRIPTS = ("first_run.py", "reading.py", "factorization.py", "point_location.py", "sphere_map.py")
+
+
+def main() -> int:
+    """Run each script in a process of its own; the worst exit code."""
+    here = Path(__file__).parent
+    worst = 0
+    for script in SCRIPTS:
+        print(f"\n# {script}", flush=True)
+        worst = max(worst, subprocess.run([sys.executable, here / script, *sys.argv[1:]], env=os.environ, check=False).returncode)
+    return worst
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,49 @@
+"""What a person waits for at the very first run, at the second, and for --help: python benchmarks/first_run.py."""
+
+import os
+import statistics
+import subprocess
+import sys
+import tempfile
+import time
+
+RUNS = 5
+MORPHLET = (sys.executable, "-m", "morphlet")
+IMPORT = "import morphlet.pipeline, morphlet.report.story"
+START = "from morphlet import Mesh, spherical_map; from morphlet.numerics.unit_sphere import icosphere; spherical_map(Mesh(*icosphere(1)))"
+
+
+def seconds(*command: str, **environment: str) -> tuple[float, float]:
+    """Wall and CPU time of a command and its children."""
+    before, began = os.times(), time.perf_counter()
+    subprocess.run(command, env=os.environ | environment, check=True, capture_output=True)
+    after = os.times()
+    cpu = after.children_user - before.children_user + after.children_system - before.children_system
+    return time.perf_counter() - began, cpu
+
+
+def median(*command: str, **environment: str) -> tuple[float, float]:
+    """Medians over some runs."""
+    runs = [seconds(*command, **environment) for _ in range(RUNS)]
+    return statistics.median(r[0] for r in runs), statistics.median(r[1] for r in runs)
+
+
+def main() -> None:
+    """Print the table."""
+    print(f"{'':44s} {'wall s':>8s} {'CPU s':>8s}")
+    with tempfile.TemporaryDirectory() as cache:
+        places = {"NUMBA_CACHE_DIR": cache, "XDG_CACHE_HOME": cache}
+        rows = {
+            "first run: compile everything morph needs": lambda: seconds(*MORPHLET, "warmup", "--quiet", **places),
+            "second run: the same work, kernels cached": lambda: median(*MORPHLET, "warmup", "--quiet", **places),
+            "second run: until a first map is computed": lambda: median(sys.executable, "-c", START, **places),
+            "imports of the main job": lambda: median(sys.executable, "-c", IMPORT, **places),
+            "morphlet --help": lambda: median(*MORPHLET, "--help", **places),
+        }
+        for name, measure in rows.items():
+            wall, cpu = measure()
+            print(f"{name:44s} {wall:8.2f} {cpu:8.2f}", flush=True)
+
+
+if __name__ == "__main__":
+    main()

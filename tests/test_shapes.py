@@ -1,0 +1,65 @@
+"""The shapes in the annotations are true: the main job runs with every annotation checked (jaxtyping + beartype).
+
+In a process of its own, since the doors of the package accept lists, which the annotations do not say.
+"""
+
+import subprocess
+import sys
+from pathlib import Path
+
+SOURCE = Path(__file__).parents[1] / "src"
+UNCHECKED = ("cli", "console", "__main__")
+"""The command line reads its own annotations."""
+
+JOB = """
+import sys, types
+from beartype import BeartypeConf, beartype
+from jaxtyping import install_import_hook
+checks = types.ModuleType("checks")
+checks.typed = beartype(conf=BeartypeConf(is_pep484_tower=True))  # an int is a float, as for type checkers
+sys.modules["checks"] = checks
+install_import_hook(sys.argv[1].split(","), "checks.typed")
+
+import numpy as np
+from morphlet import metrics
+from morphlet.numerics.unit_sphere import icosphere
+from morphlet.pipeline import morph
+from morphlet.report.color import place_colors
+from morphlet.report.look import Look
+from morphlet.report.sheet import contact_sheet
+from morphlet.report.story import carried_colors, end_of
+from morphlet.sphere.image import spherical_image
+from morphlet.sphere.untangle import untangle
+from morphlet.surface.description import describe
+from morphlet.surface.mesh import Mesh, Topology
+from morphlet.surface.pairs import VertexPairs
+from morphlet.surface.repair import RepairOptions, repair
+
+points, faces = icosphere(3)
+bumps = 1 + 0.3 * points[:, [0]] + 0.2 * points[:, [1]] ** 2
+source = Mesh(points * bumps, Topology(faces, len(points)))
+target = Mesh(points * [1.0, 1.2, 1.6] * bumps, Topology(faces[5:], len(points)))
+describe(target)
+repair(target, RepairOptions(fill="small"))
+for pairs in (None, VertexPairs(np.array([0, 5, 9]), np.array([0, 5, 9]))):
+    result = morph(source, target, pairs, frames=3)
+    result.figures()
+ends = end_of(result.matched.source_map), end_of(result.matched.target_map)
+look = Look((60, 40), "matplotlib")
+contact_sheet(*ends, result.frames, target_colors=carried_colors(result.matched), look=look)
+spherical_image(result.matched.source_map, 9).rmse(result.matched.source_map)
+metrics.compare(source, source.with_vertices(2 * source.vertices))
+untangle(source)
+print("shapes hold")
+"""
+
+
+def checked_modules() -> list[str]:
+    """Modules whose annotations can be checked; numba compiles the others."""
+    files = [file for file in SOURCE.rglob("*.py") if "njit" not in file.read_text(encoding="utf-8") and file.stem not in UNCHECKED]
+    return sorted(".".join(file.relative_to(SOURCE).with_suffix("").parts) for file in files if file.stem != "__init__")
+
+
+def test_main_job_with_every_annotation_checked() -> None:
+    run = subprocess.run([sys.executable, "-c", JOB, ",".join(checked_modules())], capture_output=True, text=True, check=False)
+    assert run.stdout.strip() == "shapes hold", run.stderr[-3000:]
