@@ -3,8 +3,8 @@
     python benchmarks/sphere_map.py [--data DIR] [--all] [--markdown] [--lapy] [--tradeoff]
 
 Without a data folder (`--data`, or the variable MORPHLET_DATA) it maps generated bodies. `--all` adds open meshes, poses and the
-large classes; `--lapy` maps with lapy's conformal method as well, where lapy is installed; `--tradeoff` tables weights and
-exponents on the meshes with long limbs. Times are of one warm run; CPU time counts all threads.
+large classes; `--lapy` maps with lapy's conformal method as well, where lapy is installed; `--tradeoff` tables weights,
+exponents and balances on the meshes with long limbs. Times are of one warm run; CPU time counts all threads.
 """
 
 import argparse
@@ -16,6 +16,7 @@ import time
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
+from typing import TypeVar
 
 import numpy as np
 
@@ -23,10 +24,12 @@ from morphlet import Mesh
 from morphlet.errors import MorphletError
 from morphlet.io.formats import read
 from morphlet.numerics.unit_sphere import icosphere
-from morphlet.sphere.embed import SphereOptions, embed
-from morphlet.sphere.map import SphericalMap
+from morphlet.report.curves import Axis, curve_picture
+from morphlet.sphere.embed import SphereOptions
+from morphlet.sphere.map import spherical_map
 from morphlet.sphere.quality import Quality, certificate, measure
-from morphlet.surface.repair import RepairOptions, close
+
+T = TypeVar("T")
 
 REFERENCE = {
     "meshes/decimated-knight.off": (1.12, 2.79, 5.2, 5.6, 3.24, 33.1, 0.761),
@@ -77,7 +80,7 @@ def generated(level: int, amount: float) -> Mesh:
     return Mesh(points * radius[:, None], faces)
 
 
-def timed(call: Callable[[], object]) -> tuple[object, float, float, float]:
+def timed(call: Callable[[], T]) -> tuple[T, float, float, float]:
     """What the call returns, its wall and CPU time, and the peak of resident memory meanwhile (in MB)."""
     with contextlib.suppress(OSError):
         Path("/proc/self/clear_refs").write_text("5")  # Linux: start the high-water mark afresh
@@ -97,13 +100,8 @@ def peak_memory() -> float:
 
 def run(mesh: Mesh, options: SphereOptions) -> Run:
     """Mend and map a mesh."""
-    def work() -> tuple[SphericalMap, int]:
-        surface = close(mesh, RepairOptions(fill="all"))
-        found = embed(surface.mesh, surface.face_map < 0, options)
-        return SphericalMap(surface, found.points, found.trace), found.attempt
-
-    (sphere, attempt), wall, cpu, megabytes = timed(work)  # type: ignore[misc]
-    return Run(mesh.n_vertices, wall, cpu, megabytes, attempt, sphere.quality())
+    sphere, wall, cpu, megabytes = timed(lambda: spherical_map(mesh, options))
+    return Run(mesh.n_vertices, wall, cpu, megabytes, sphere.trace.attempt, sphere.quality())
 
 
 def row(name: str, found: Run) -> list[str]:
@@ -161,19 +159,32 @@ def growth(runs: dict[str, Run]) -> str:
     return f"growth exponent of CPU time, {some[0].vertices} to {some[-1].vertices} vertices: {slope:.2f}\n"
 
 
-def tradeoff(data: Path | None, markdown: bool) -> str:
-    """Weights and exponents on limbs."""
+def tradeoff(data: Path | None, markdown: bool, picture: Path | None) -> str:
+    """Weights, exponents and balances on limbs, as a table and as curves of angle against area distortion."""
     names = [name for name in LIMBS if data is not None and (data / name).exists()]
     bodies = {Path(name).name: read(data / name) for name in names if data is not None} or {"generated-4": generated(4, 0.1)}
-    rows = []
+    families = {
+        "isometric, uniform weights, p = 1 .. 0.5": [SphereOptions(p, "uniform") for p in (1.0, 0.7, 0.5)],
+        "isometric, area weights, p = 1 .. 0.5": [SphereOptions(p, "area") for p in (1.0, 0.7, 0.5)],
+        "balance 0.05 .. 0.95, uniform weights": [SphereOptions(1.0, "uniform", b) for b in (0.05, 0.2, 0.5, 0.8, 0.95)],
+        "balance 0.05 .. 0.95, area weights": [SphereOptions(1.0, "area", b) for b in (0.05, 0.2, 0.5, 0.8, 0.95)],
+    }
+    rows, curves = [], {}
     for name, mesh in bodies.items():
-        for weights in ("uniform", "area"):
-            for p in (1.0, 0.7, 0.5):
-                found = run(mesh, SphereOptions(p, weights))  # type: ignore[arg-type]
-                q = found.quality
-                figures = (q.iso_mean, q.iso_p99, q.iso_max, q.symmetric_dirichlet, q.angle_mean_deg, q.area_log_std, found.cpu)
-                rows.append([name, weights, str(p), *(f"{v:.3g}" for v in figures)])
-    return table(["mesh", "weights", "p", "iso mean", "p99", "max", "sdA", "ang", "lar", "CPU s"], rows, markdown)
+        for family, settings in families.items():
+            found = [run(mesh, options) for options in settings]
+            for options, one in zip(settings, found, strict=True):
+                q = one.quality
+                figures = (q.iso_mean, q.iso_p99, q.iso_max, q.symmetric_dirichlet, q.angle_mean_deg, q.area_log_std, one.cpu)
+                balance = "-" if options.balance is None else str(options.balance)
+                rows.append([name, options.weights, str(options.p), balance, *(f"{v:.3g}" for v in figures)])
+            curves[f"{name}: {family}"] = np.array([[one.quality.angle_mean_deg, one.quality.area_log_std] for one in found])
+    if picture is not None:
+        first = next(iter(bodies))
+        shown = {label.split(": ")[1]: points for label, points in curves.items() if label.startswith(first)}
+        drawn = curve_picture(shown, Axis("mean change of angle, degrees"), Axis("spread of the log area ratio"))
+        drawn.save(picture)
+    return table(["mesh", "weights", "p", "balance", "iso mean", "p99", "max", "sdA", "ang", "lar", "CPU s"], rows, markdown)
 
 
 def main() -> None:
@@ -182,12 +193,13 @@ def main() -> None:
     parser.add_argument("--data", type=Path, default=os.environ.get("MORPHLET_DATA") or None)
     for name in ("all", "markdown", "lapy", "tradeoff"):
         parser.add_argument(f"--{name}", action="store_true")
+    parser.add_argument("--picture", type=Path, help="with --tradeoff: the curves as a PNG")
     chosen = parser.parse_args()
     data = None if chosen.data is None else Path(chosen.data)
     for level in (3, 5):  # compile the serial and the parallel kernels
         run(generated(level, 0.1), SphereOptions())
     if chosen.tradeoff:
-        sys.stdout.write(tradeoff(data, chosen.markdown))
+        sys.stdout.write(tradeoff(data, chosen.markdown, chosen.picture))
         return
     runs, rows, peers = {}, [], []
     for name, mesh in meshes(data, chosen.all):

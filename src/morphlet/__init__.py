@@ -11,21 +11,76 @@ if TYPE_CHECKING:
     from morphlet.errors import MissingExtra as MissingExtra
     from morphlet.errors import MorphletError as MorphletError
     from morphlet.errors import SolveError as SolveError
+    from morphlet.io.formats import read as read
+    from morphlet.io.formats import rewrite as rewrite
+    from morphlet.io.formats import write as write
+    from morphlet.io.pairs import read_pairs as read_pairs
+    from morphlet.io.pairs import write_pairs as write_pairs
+    from morphlet.io.sequences import write_sequence as write_sequence
+    from morphlet.mapping.alignment import Alignment as Alignment
+    from morphlet.mapping.correspondence import Correspondence as Correspondence
+    from morphlet.metrics import compare as compare
+    from morphlet.motion.morph import Morph as Morph
+    from morphlet.numerics.optimize import Step as Step
+    from morphlet.numerics.optimize import Trace as Trace
+    from morphlet.pipeline import CorrespondResult as CorrespondResult
+    from morphlet.pipeline import MorphResult as MorphResult
+    from morphlet.pipeline import correspond as correspond
+    from morphlet.pipeline import correspond_maps as correspond_maps
+    from morphlet.pipeline import morph as morph
+    from morphlet.pipeline import morph_along as morph_along
+    from morphlet.report.render import Picture as Picture
+    from morphlet.report.render import render as render
+    from morphlet.samples.catalogue import fetch as fetch
+    from morphlet.samples.creatures import Creature as Creature
+    from morphlet.samples.creatures import creature as creature
+    from morphlet.samples.creatures import landmarks as landmarks
+    from morphlet.samples.creatures import sample as sample
+    from morphlet.sphere.embed import SphereOptions as SphereOptions
+    from morphlet.sphere.image import SphericalImage as SphericalImage
+    from morphlet.sphere.image import spherical_image as spherical_image
+    from morphlet.sphere.map import SphericalMap as SphericalMap
+    from morphlet.sphere.map import spherical_map as spherical_map
+    from morphlet.sphere.untangle import untangle as untangle
+    from morphlet.surface.description import Description as Description
+    from morphlet.surface.description import describe as describe
     from morphlet.surface.mesh import Mesh as Mesh
     from morphlet.surface.mesh import Topology as Topology
     from morphlet.surface.pairs import VertexPairs as VertexPairs
     from morphlet.surface.points import SurfacePoints as SurfacePoints
     from morphlet.surface.region import Region as Region
+    from morphlet.surface.repair import Repair as Repair
+    from morphlet.surface.repair import Repaired as Repaired
+    from morphlet.surface.repair import RepairOptions as RepairOptions
+    from morphlet.surface.repair import repair as repair
     from morphlet.surface.sequence import MeshSequence as MeshSequence
 
 __version__ = "0.1.0"
 
 _HOMES = {
     "morphlet.errors": "Cancelled FileError InputError MeshError MissingExtra MorphletError SolveError",
+    "morphlet.io.formats": "read rewrite write",
+    "morphlet.io.pairs": "read_pairs write_pairs",
+    "morphlet.io.sequences": "write_sequence",
+    "morphlet.mapping.alignment": "Alignment",
+    "morphlet.mapping.correspondence": "Correspondence",
+    "morphlet.metrics": "compare",
+    "morphlet.motion.morph": "Morph",
+    "morphlet.numerics.optimize": "Step Trace",
+    "morphlet.pipeline": "CorrespondResult MorphResult correspond correspond_maps morph morph_along",
+    "morphlet.report.render": "Picture render",
+    "morphlet.samples.catalogue": "fetch",
+    "morphlet.samples.creatures": "Creature creature landmarks sample",
+    "morphlet.sphere.embed": "SphereOptions",
+    "morphlet.sphere.image": "SphericalImage spherical_image",
+    "morphlet.sphere.map": "SphericalMap spherical_map",
+    "morphlet.sphere.untangle": "untangle",
+    "morphlet.surface.description": "Description describe",
     "morphlet.surface.mesh": "Mesh Topology",
     "morphlet.surface.pairs": "VertexPairs",
     "morphlet.surface.points": "SurfacePoints",
     "morphlet.surface.region": "Region",
+    "morphlet.surface.repair": "Repair Repaired RepairOptions repair",
     "morphlet.surface.sequence": "MeshSequence",
 }
 _HOME = {name: module for module, names in _HOMES.items() for name in names.split()}

@@ -6,6 +6,7 @@ Files are written beside their target and renamed, so that a reader never sees h
 import os
 import tempfile
 import zipfile
+import zlib
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -13,6 +14,10 @@ from pathlib import Path
 import numpy as np
 
 from morphlet.errors import FileError
+
+
+UNREADABLE = (OSError, ValueError, EOFError, KeyError, AttributeError, RuntimeError, zipfile.BadZipFile, zlib.error)
+"""What numpy and zipfile raise on bytes that are no `.npz` file, or were one once."""
 
 
 @contextmanager
@@ -46,7 +51,7 @@ def load(path: str | os.PathLike[str], kind: str, version: int, names: tuple[str
     try:
         with np.load(path, allow_pickle=False) as file:
             arrays = {name: file[name] for name in file.files}
-    except (OSError, ValueError, EOFError, zipfile.BadZipFile, KeyError, AttributeError) as error:
+    except UNREADABLE as error:
         raise FileError(f"a morphlet {kind} file at {path}", str(error) or type(error).__name__, "write it again") from error
     found = str(arrays.get("kind", "unknown"))
     if found != kind:

@@ -58,7 +58,7 @@ def test_progress_runs_from_little_to_all_and_the_trace_ends_with_a_reason() -> 
     assert progress == sorted(progress)
     assert 0 < progress[0] < 0.5 < progress[-1] <= 1
     assert found.trace.reason in ("energy settled", "iteration limit", "no step decreases the energy")
-    assert found.attempt == 0
+    assert found.trace.attempt == 0
     assert found.trace.iterations > 10
 
 
@@ -114,7 +114,7 @@ def test_the_ladder_climbs_until_the_certificate_holds(monkeypatch: pytest.Monke
         return asked[-1] if len(asked) > 1 else replace(asked[-1], negative=1)
 
     monkeypatch.setattr(module, "certificate", second_try)
-    assert embedded(blob(2)).attempt == 1
+    assert embedded(blob(2)).trace.attempt == 1
     assert len(asked) == 2
 
 

@@ -42,8 +42,8 @@ LEAST_MISMATCH = 0.1
 """Two unrelated fields differ by about 2; a mean over all rotations below this one says that nothing on the sphere stands out."""
 BLOCK = 256
 """Rotations that are judged at once: bounds the memory to some tens of MB."""
-AMBIGUOUS = 0.05
-"""A margin below this share of the mean mismatch leaves the choice of the rotation open."""
+AMBIGUOUS = 0.1
+"""A margin below this share of the mean mismatch leaves the choice of the rotation open: wrong ones were seen up to 0.07."""
 
 
 @dataclass(frozen=True, eq=False)

@@ -44,10 +44,11 @@ class Step:
 
 @dataclass(frozen=True)
 class Trace:
-    """Why and how an iteration stopped."""
+    """Why and how an iteration stopped, and how many attempts failed before it."""
 
     steps: tuple[Step, ...]
     reason: str
+    attempt: int = 0
 
     @property
     def iterations(self) -> int:

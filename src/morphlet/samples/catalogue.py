@@ -82,9 +82,12 @@ def fetch(name: str, *, cache: str | os.PathLike[str] | None = None, mirror: str
 
     Examples
     --------
-    >>> from morphlet.samples.catalogue import CATALOGUE
+    >>> from morphlet.samples.catalogue import CATALOGUE, fetch
     >>> CATALOGUE["cat.obj"].member
     '*cat-reference.obj'
+    >>> fetch("cat.stl")
+    Traceback (most recent call last):
+    morphlet.errors.InputError: needed the name of a mesh in CATALOGUE; found 'cat.stl'; did you mean cat...
     """
     if name not in CATALOGUE:
         close = difflib.get_close_matches(name, CATALOGUE, cutoff=0.4) or list(CATALOGUE)

@@ -37,7 +37,7 @@ NEWTON_FROM, NEWTON_ALWAYS_BELOW, NEWTON_SHARE = 60, 4000, 0.35
 NEWTON_RAW_BELOW = 2000
 """The unprojected Hessian is positive definite mostly below 1000 to 2000 vertices, never seen so above."""
 LEVEL_NEWTON = NewtonOptions(10, 1e-3)
-LAST_NEWTON = NewtonOptions(6, 1e-4)
+LAST_NEWTON = NewtonOptions(8, 1e-4)
 BALANCE_NEWTON = NewtonOptions(40, 1e-4)
 VIRTUAL_WEIGHT = 0.01
 """Weight of the faces that fill holes: they must not fold, their shape is nobody's concern."""
@@ -96,11 +96,10 @@ class SphereOptions:
 
 @dataclass(frozen=True, eq=False)
 class Embedding:
-    """Unit vectors of a closed mesh's vertices, how they came about, and the rung of the ladder that gave them."""
+    """Unit vectors of a closed mesh's vertices, and how they came about (`trace.attempt` is the rung of the ladder that held)."""
 
     points: Float[np.ndarray, "n 3"]
     trace: Trace
-    attempt: int
 
 
 @dataclass(eq=False)
@@ -156,7 +155,7 @@ def embed(mesh: Mesh, virtual: Bool[np.ndarray, "m"], options: SphereOptions, on
             continue
         found = certificate(points, unit.faces)
         if found.holds:
-            return Embedding(points, Trace(tuple(recorder.steps), reason), number)
+            return Embedding(points, Trace(tuple(recorder.steps), reason, number))
         failures.append(f"attempt {number}: {found.inverted} inverted faces, degree {found.degree:.6f}")
     raise SolveError("a spherical map without inverted faces", "; ".join(failures), "repair the mesh or remesh its thinnest parts")
 
