@@ -15,7 +15,6 @@ import numpy as np
 
 from morphlet.errors import FileError
 
-
 UNREADABLE = (OSError, ValueError, EOFError, KeyError, AttributeError, RuntimeError, zipfile.BadZipFile, zlib.error)
 """What numpy and zipfile raise on bytes that are no `.npz` file, or were one once."""
 

@@ -42,6 +42,8 @@ LEAST_MISMATCH = 0.1
 """Two unrelated fields differ by about 2; a mean over all rotations below this one says that nothing on the sphere stands out."""
 BLOCK = 256
 """Rotations that are judged at once: bounds the memory to some tens of MB."""
+SPREAD = 1e-3
+"""Radians that pairs must leave a common line: rounding and the maps' own accuracy would decide the turn about it otherwise."""
 AMBIGUOUS = 0.1
 """A margin below this share of the mean mismatch leaves the choice of the rotation open: wrong ones were seen up to 0.07."""
 
@@ -152,6 +154,11 @@ def align_by_pairs(
     array([[0., 1., 0.]])
     """
     source, target = _arrays.unit(source_points, "source_points"), _arrays.unit(target_points, "target_points")
+    for name, points in (("source", source), ("target", target)):
+        spread = np.linalg.svd(points, compute_uv=False)
+        if len(spread) < 2 or spread[1] < SPREAD * spread[0]:
+            found = f"{len(points)} pairs whose {name} points lie within {SPREAD:g} rad of one line through the centre"
+            raise InputError("at least two pairs in non-parallel directions", found, "add pairs that are spread out")
     rotation = kabsch(source, target, weight)
     squares = np.sum((source @ rotation.T - target) ** 2, axis=1)
     return Alignment(rotation, "pairs", float(np.sqrt(np.average(squares, weights=weight))))

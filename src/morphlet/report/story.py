@@ -105,7 +105,8 @@ def _sections(result: MorphResult, figures: Mapping[str, Any], seen: tuple[Pictu
         f"Alignment: {figures.get('alignment', '-')}. Pictures drawn by {sheet.engine} ({sheet.reason}).",
     )
     morph = Section("The morph", intro, table, (Plate(sheet.png, "Source, spheres, target, and frames of the morph"),))
-    return [morph, _sphere_section("Source", result.matched.source_map, source), _sphere_section("Target", result.matched.target_map, target)]
+    ends = ("Source", result.matched.source_map, source), ("Target", result.matched.target_map, target)
+    return [morph, *(_sphere_section(*end) for end in ends)]
 
 
 def _sphere_section(title: str, mapped: SphericalMap, end: Mapped) -> Section:

@@ -60,9 +60,7 @@ def flipped(vertices: Float[np.ndarray, "n 3"], faces: Int[np.ndarray, "m 3"]) -
     return start.reshape(-1, 3)
 
 
-def _shortest(
-    start: Int[np.ndarray, "h"], points: Float[np.ndarray, "n 3"], lengths: Float[np.ndarray, "n"]
-) -> Int[np.ndarray, "c"]:
+def _shortest(start: Int[np.ndarray, "h"], points: Float[np.ndarray, "n 3"], lengths: Float[np.ndarray, "n"]) -> Int[np.ndarray, "c"]:
     """Half-edges in order of length over wanted length, the first share of them."""
     alive = np.nonzero(start >= 0)[0]
     u, v = start[alive], start[_after(alive)]

@@ -74,6 +74,8 @@ class RepairOptions:
         Keep all parts or the one with the largest area.
     cut_handles
         How many handles may be cut, at most.
+    drop
+        Drop faces that repeat a vertex, lie back to back, or occur twice. The other repairs count on it.
 
     Examples
     --------
@@ -88,6 +90,7 @@ class RepairOptions:
     fill: Fill = "none"
     component: Component = "all"
     cut_handles: int = 0
+    drop: bool = True
 
     def __post_init__(self) -> None:
         for name, allowed in (("fill", get_args(Fill)), ("component", get_args(Component))):
@@ -325,7 +328,9 @@ def _drafted(mesh: Mesh) -> _Draft:
     return draft.noted("dropped vertices in no face", int(n - mesh.topology.referenced.sum()))
 
 
-def _dropped(draft: _Draft, _: RepairOptions) -> _Draft:
+def _dropped(draft: _Draft, options: RepairOptions) -> _Draft:
+    if not options.drop:
+        return draft
     bad = degenerate(draft.faces)
     draft = draft.with_faces(~bad).noted("dropped faces that repeat a vertex", int(bad.sum()))
     back = back_to_back(draft.faces, len(draft.vertices))
