@@ -441,9 +441,7 @@ def demo(*, output: Output = Path("morphlet-demo"), vertices: int | None = None,
         run.stage("creatures")
         a, b, pairs = write_inputs(meshes, creatures.DEFAULT_VERTICES if vertices is None else vertices)
         matched = _matched(run, (a, b), pairs, ("all", 0))
-        run.say(
-            f"mean distance to the known true places: {true_error(matched):.1f} % of sqrt(area) (a rotation brings features near, not together)"
-        )
+        run.say(f"mean distance to the known true places: {true_error(matched):.1f} % of sqrt(area), by a rotation alone")
         found = _tell(run, matched, DEMO_FRAMES, (output / "morph", morphed), (a, "ply"))
         run.say(f"\nLook at  {output / 'morph' / 'contact-sheet.png'}\nand open {output / 'morph' / 'report.html'}")
         return found
