@@ -236,7 +236,7 @@ class Level:
     @cached_property
     def analysis(self) -> Analysis:
         """Analysis of the Hessian."""
-        return analyse(self._columns[1], self._rows, points=self.S)
+        return analyse(self._columns[1], self._rows)
 
     def matrix(self, hessian: Float[np.ndarray, "z"]) -> sp.csc_matrix:
         """The whole symmetric Hessian."""

@@ -24,6 +24,8 @@ FIRST_VALENCE_CAP = 24
 """Vertices of higher valence wait: collapsing a hub scans its whole ring (a bipyramid of 1000: 13 s without, 0.1 s with)."""
 CAP_RAISES = 12
 """The cap grows by 4 whenever nothing is left to collapse: 24 * 4**12 exceeds any valence."""
+EAGER_BELOW = 8000
+"""With fewer vertices left, costs around a collapse are renewed at once; above, only when their turn comes (three times faster)."""
 STALE_SLACK = 1.0 + 1e-7
 """A vertex whose ring changed is only re-queued if its collapse became dearer than that."""
 WORST_SHAPE = 1e3
@@ -322,7 +324,7 @@ def _collapse_all(V, star, Q, combinatorial):
         for j in range(k + 1):
             w = v if j == k else star.corner[following(around[j])]
             stale[w] = True
-            if w == v or not waiting[w]:
+            if w == v or not waiting[w] or left < EAGER_BELOW:
                 version[w] += 1
                 cost, h = _best_collapse(w, star, V, Q, work, combinatorial, cap)
                 stale[w], waiting[w] = False, h >= 0
