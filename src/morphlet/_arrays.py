@@ -44,8 +44,8 @@ def index(values: Any, name: str, shape: Shape, below: int) -> np.ndarray:
     if array.size == 0:
         array = array.reshape([0 if s is None else s for s in shape])
     _check_shape(array, name, shape)
-    outside = (array < 0) | (array >= below)
-    if outside.any():
+    if array.size and (array.min() < 0 or array.max() >= below):
+        outside = (array < 0) | (array >= below)
         rows = np.unique(np.nonzero(outside)[0])
         raise InputError(
             f"indices from 0 to {below - 1} in {name}",
