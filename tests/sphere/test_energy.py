@@ -6,7 +6,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from morphlet.sphere import energy
-from morphlet.sphere.embed import FINE_FLOOR, Level
+from morphlet.sphere.embed import FINE_FLOOR
+from morphlet.sphere.level import Level
 from morphlet.sphere.quality import singular_values
 from morphlet.sphere.relax import relax_vertex, ring_buffer, ring_energy, set_sector
 from support import blob, icosphere, positive_sphere

@@ -15,7 +15,8 @@ from morphlet import _arrays
 from morphlet.errors import InputError
 from morphlet.numerics.optimize import OnStep, RegionOptions, Trace, trust_region
 from morphlet.sphere import energy
-from morphlet.sphere.embed import FINE_FLOOR, VIRTUAL_WEIGHT, Level, Recorder
+from morphlet.sphere.embed import FINE_FLOOR, VIRTUAL_WEIGHT, Recorder
+from morphlet.sphere.level import Level
 from morphlet.sphere.map import SphericalMap, map_surface
 from morphlet.sphere.quality import certificate
 from morphlet.surface.mesh import Mesh

@@ -1,0 +1,23 @@
+"""The README is true: its Python example runs as it stands."""
+
+import re
+from pathlib import Path
+
+import pytest
+
+from morphlet import read
+
+README = Path(__file__).parents[1] / "README.md"
+
+
+def test_python_example_runs(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
+    (example,) = re.findall(r"```python\n(.*?)```", README.read_text(encoding="utf-8"), flags=re.DOTALL)
+    monkeypatch.chdir(tmp_path)
+    exec(compile(example, "README.md", "exec"), {})
+    assert capsys.readouterr().out.startswith("True 2.")
+    assert read("halfway.ply").n_vertices == 7000
+
+
+def test_its_pictures_and_pages_exist() -> None:
+    for target in re.findall(r"\]\((?!http)([^)]+)\)|`(docs/[^`]+)`", README.read_text(encoding="utf-8")):
+        assert (README.parent / (target[0] or target[1])).exists(), target
