@@ -77,5 +77,5 @@ def test_parts_are_joined_by_their_shortest_bridge():
 )
 def test_broken_meshes_have_finite_signatures(mesh):
     values = signature(mesh)
-    assert values.shape == (mesh.n_vertices, 2)
+    assert values.shape == (mesh.n_vertices, 3)
     assert np.isfinite(values).all()
