@@ -32,7 +32,7 @@ NEWTON_FROM, NEWTON_ALWAYS_BELOW, NEWTON_SHARE = 60, 4000, 0.35
 NEWTON_RAW_BELOW = 2000
 """The unprojected Hessian is positive definite mostly below 1000 to 2000 vertices, never seen so above."""
 LEVEL_NEWTON = NewtonOptions(10, 1e-3)
-LAST_NEWTON = NewtonOptions(8, 1e-4)
+LAST_NEWTON = NewtonOptions(8, 5e-4)
 BALANCE_NEWTON = NewtonOptions(40, 1e-4)
 """On levels, on the full mesh, and for the last relaxation of another balance: most stop earlier by their tolerance."""
 VIRTUAL_WEIGHT = 0.01
