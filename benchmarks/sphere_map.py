@@ -15,16 +15,19 @@ import sys
 import time
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
-from typing import TypeVar
+from typing import TypeVar, get_args
 
 import numpy as np
 
 from morphlet import Mesh
 from morphlet.errors import MorphletError
 from morphlet.io.formats import read
+from morphlet.numerics.linalg import Backend, analyse
 from morphlet.numerics.unit_sphere import icosphere
 from morphlet.report.curves import Axis, curve_picture
+from morphlet.sphere import level as level_module
 from morphlet.sphere.embed import SphereOptions
 from morphlet.sphere.map import spherical_map
 from morphlet.sphere.quality import Quality, certificate, measure
@@ -193,9 +196,12 @@ def main() -> None:
     parser.add_argument("--data", type=Path, default=os.environ.get("MORPHLET_DATA") or None)
     for name in ("all", "markdown", "lapy", "tradeoff"):
         parser.add_argument(f"--{name}", action="store_true")
+    parser.add_argument("--backend", choices=get_args(Backend), help="who factors; the package's own Cholesky if left out")
     parser.add_argument("--picture", type=Path, help="with --tradeoff: the curves as a PNG")
     chosen = parser.parse_args()
     data = None if chosen.data is None else Path(chosen.data)
+    if chosen.backend:
+        level_module.analyse = partial(analyse, backend=chosen.backend)
     for level in (3, 5):  # compile the serial and the parallel kernels
         run(generated(level, 0.1), SphereOptions())
     if chosen.tradeoff:

@@ -48,6 +48,15 @@ def test_one_pair_is_refused():
         align_by_pairs([[1, 0, 0]], [[0, 1, 0]])
 
 
+@pytest.mark.parametrize("tilt", [0.0, 1e-5])
+def test_pairs_on_one_line_through_the_centre_are_refused(tilt):
+    line = [[0, 0, 1], [0, tilt, -1], [0, 0, 1]]
+    spread = [[1, 0, 0], [0, 1, 0], [0, 0, 1]]
+    for pairs, side in (((line, spread), "source"), ((spread, line), "target")):
+        with pytest.raises(InputError, match=f"3 pairs whose {side} points lie within 0.001 rad of one line"):
+            align_by_pairs(*pairs)
+
+
 @pytest.mark.parametrize("seed", [0, 1])
 def test_search_finds_a_known_rotation(seed):
     rotation = turn(seed)

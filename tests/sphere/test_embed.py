@@ -197,3 +197,21 @@ def test_no_sweep_folds_a_face() -> None:
         patch.setattr(module._Ascent, "_relax", watched)
         embedded(mesh)
     assert checked == [8, 16, 32, 64, 128, 300]
+
+
+def test_balance_walks_from_angles_to_areas_and_never_folds() -> None:
+    mesh = blob(3)
+    found = [embedded(mesh, SphereOptions(balance=balance)) for balance in (0.05, 0.5, 0.95)]
+    for one in found:
+        assert_one_to_one(one.points, mesh.faces)
+    figures = [measure(mesh, one.points, certificate(one.points, mesh.faces)) for one in found]
+    angles, areas = [q.angle_mean_deg for q in figures], [q.area_log_std for q in figures]
+    assert angles == sorted(angles)
+    assert areas == sorted(areas, reverse=True)
+    assert areas[2] < areas[0] / 2
+
+
+@pytest.mark.parametrize("balance", [-0.1, 1.1, float("nan")])
+def test_balances_outside_the_range_are_refused(balance: float) -> None:
+    with pytest.raises(InputError, match=r"balance in \[0, 1\]"):
+        SphereOptions(balance=balance)

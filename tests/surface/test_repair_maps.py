@@ -159,3 +159,11 @@ WRONG_OPTIONS = [
 def test_options_are_checked(wrong: dict, message: str) -> None:
     with pytest.raises(InputError, match=message):
         RepairOptions(**wrong)
+
+
+def test_dropping_can_be_turned_off():
+    square = Mesh([[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0]], [[0, 1, 2], [0, 2, 3], [2, 3, 0]])
+    kept = repair(square, RepairOptions(weld=False, orient=False, split=False, drop=False))
+    assert kept.mesh.n_faces == 3
+    assert kept.repairs == ()
+    assert repair(square).mesh.n_faces == 2
