@@ -7,16 +7,16 @@ Published, alpha is (sum over samples of psi^2)^(+1/2), which gives a candidate 
 the exponent -1/2. Networks also fit an affine part, so alpha is taken after that is projected out of the candidates.
 """
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any, Literal, get_args
+from typing import Any, Literal, Protocol, get_args
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from morphlet import _arrays
 from morphlet.errors import InputError
-from morphlet.wavenet.mothers import Mother, mother
+from morphlet.wavenet.mothers import Mother
 
 Normalisation = Literal["unit", "literal"]
 
@@ -39,7 +39,9 @@ class Library:
     Parameters
     ----------
     mothers
-        Names of the mothers, one per candidate.
+        Different mothers.
+    kinds
+        Which of the mothers each candidate has.
     centers, dilations
         Places and rms radii, in units of x; dilations are positive.
     bands
@@ -50,45 +52,44 @@ class Library:
     Raises
     ------
     InputError
-        If lengths differ, a mother is unknown, or a dilation is not positive.
+        If lengths differ, two mothers have one name, a kind is no mother's, or a dilation is not positive.
 
     Examples
     --------
     >>> from morphlet.wavenet.library import Library
-    >>> two = Library(("slog1", "beta2"), [0.2, 0.7], [0.1, 0.1], [0, 0])
+    >>> from morphlet.wavenet.mothers import MOTHERS
+    >>> two = Library((MOTHERS["slog1"], MOTHERS["beta2"]), [0, 1], [0.2, 0.7], [0.1, 0.1], [0, 0])
     >>> two.values(np.array([0.3, 0.7])).round(2)
     array([[ 0.7 ,  0.  ],
            [ 0.  , -0.85]])
     """
 
-    mothers: tuple[str, ...]
+    mothers: tuple[Mother, ...]
+    kinds: Int[np.ndarray, "l"]
     centers: Float[np.ndarray, "l"]
     dilations: Float[np.ndarray, "l"]
     bands: Int[np.ndarray, "l"]
     normalisation: Normalisation = "unit"
 
     def __post_init__(self) -> None:
-        names, centers, dilations = wavelets(self.mothers, self.centers, self.dilations)
         if self.normalisation not in get_args(Normalisation):
             raise InputError("a normalisation 'unit' or 'literal'", repr(self.normalisation), "choose one of them")
-        object.__setattr__(self, "mothers", names)
-        object.__setattr__(self, "centers", centers)
-        object.__setattr__(self, "dilations", dilations)
-        object.__setattr__(self, "bands", _arrays.index(self.bands, "bands", (len(names),), np.iinfo(np.int64).max))
+        freeze_wavelets(self)
+        object.__setattr__(self, "bands", _arrays.index(self.bands, "bands", (len(self),), np.iinfo(np.int64).max))
 
     def __reduce__(self) -> tuple[Any, ...]:
-        arrays = (np.array(self.centers), np.array(self.dilations), np.array(self.bands))
+        arrays = (np.array(getattr(self, name)) for name in ("kinds", "centers", "dilations", "bands"))
         return Library, (self.mothers, *arrays, self.normalisation)
 
     def __len__(self) -> int:
-        return len(self.mothers)
+        return len(self.centers)
 
     def __repr__(self) -> str:
-        return f"Library({len(self)} candidates of {', '.join(dict.fromkeys(self.mothers))})"
+        return f"Library({len(self)} candidates of {', '.join(psi.name for psi in self.mothers)})"
 
     def values(self, x: Float[np.ndarray, "n"]) -> Float[np.ndarray, "n l"]:
         """The candidates at x before normalisation: psi((x - center) / dilation)."""
-        return sampled(self.mothers, scaled(_arrays.real(x, "x", (None,)), self.centers, self.dilations))
+        return sampled(self, _arrays.real(x, "x", (None,)))
 
     def design(self, x: Float[np.ndarray, "n"]) -> Float[np.ndarray, "n l"]:
         """The candidates at x, without their affine parts, normalised: what a fit chooses from.
@@ -116,18 +117,18 @@ class Library:
         Examples
         --------
         >>> from morphlet.wavenet.library import dyadic_library
+        >>> from morphlet.wavenet.mothers import MOTHERS
         >>> x = np.linspace(0, 1, 64)
-        >>> design = dyadic_library(["mexican_hat"], x).design(x)
+        >>> design = dyadic_library([MOTHERS["mexican_hat"]], x).design(x)
         >>> np.allclose(np.linalg.norm(design, axis=0), 1)
         True
         """
         x = _arrays.real(x, "x", (None,))
-        values = self.values(x)
-        return normalised(values, x, self.normalisation)
+        return normalised(self.values(x), x, self.normalisation)[0]
 
 
 def dyadic_library(
-    mothers: Sequence[str], points: Float[np.ndarray, "n"], levels: int = 6, voices: int = 1, spacing: float = 1.0
+    mothers: Sequence[Mother], points: Float[np.ndarray, "n"], levels: int = 6, voices: int = 1, spacing: float = 1.0
 ) -> Library:
     """Candidates on a grid: dilations that halve from band to band, centers in steps of the dilation.
 
@@ -137,7 +138,7 @@ def dyadic_library(
     Parameters
     ----------
     mothers
-        Names, such as `PAPER_SIX`.
+        Different ones, such as `PAPER_SIX`.
     points
         Places of the samples, from 0 to 1.
     levels
@@ -157,7 +158,7 @@ def dyadic_library(
     ------
     InputError
         If points are fewer than 2, not finite, or outside [0, 1]; if levels are negative; if voices or spacing are not
-        positive; if a mother is unknown or named twice.
+        positive; if two mothers have one name.
 
     References
     ----------
@@ -171,22 +172,20 @@ def dyadic_library(
     Library(1693 candidates of mexican_hat, slog1, polywog1, beta1, beta2, beta3)
     """
     points = _places(points)
+    mothers = different(mothers)
     if levels < 0 or voices < 1 or not 0 < spacing < np.inf:
         found = f"levels {levels}, voices {voices}, spacing {spacing}"
         raise InputError("levels >= 0, voices >= 1, spacing > 0", found, "start from 6, 1 and 1")
-    if len(set(mothers)) < len(mothers):
-        raise InputError("each mother once", f"{len(mothers)} names, {len(set(mothers))} different", "name each once")
     gap = float(np.ptp(points)) / (len(points) - 1)
     dilations = WIDEST * 2.0 ** -(np.arange(levels * voices + 1) / voices)
     grids = [
-        (name, band, d, _grid(mother(name), points, float(d), (spacing * float(d), number / len(mothers))))
-        for number, name in enumerate(mothers)
+        (kind, band, d, _grid(psi, points, float(d), (spacing * float(d), kind / len(mothers))))
+        for kind, psi in enumerate(mothers)
         for band, d in enumerate(dilations[dilations >= gap])
     ]
-    names = tuple(name for name, _, _, centers in grids for _ in centers)
-    sizes = [len(centers) for *_, centers in grids]
-    columns = [np.repeat([grid[k] for grid in grids], sizes) for k in (2, 1)]
-    return Library(names, np.concatenate([np.zeros(0), *(centers for *_, centers in grids)]), columns[0], columns[1])
+    sizes = [len(grid[3]) for grid in grids]
+    kinds, bands, widths = (np.repeat([grid[k] for grid in grids], sizes) for k in range(3))
+    return Library(tuple(mothers), kinds, np.concatenate([np.zeros(0), *(grid[3] for grid in grids)]), widths, bands)
 
 
 def _places(points: Float[np.ndarray, "n"]) -> Float[np.ndarray, "n"]:
@@ -215,16 +214,46 @@ def _seen(psi: Mother, z: Float[np.ndarray, "n c"]) -> Bool[np.ndarray, "c"]:
     return enough & ((psi(z) ** 2).sum(axis=0) >= LEAST_NORM**2 * whole)
 
 
-def wavelets(mothers: Sequence[str], centers: Any, dilations: Any) -> tuple[tuple[str, ...], np.ndarray, np.ndarray]:
-    """Checked names, centers and dilations of wavelets."""
-    names = tuple(str(name) for name in mothers)
-    for name in dict.fromkeys(names):
-        mother(name)
-    dilations = _arrays.real(dilations, "dilations", (len(names),))
+class Wavelets(Protocol):
+    """Anything that holds wavelets: candidates, or those of a network."""
+
+    @property
+    def mothers(self) -> tuple[Mother, ...]:
+        """Different mothers."""
+
+    @property
+    def kinds(self) -> Int[np.ndarray, "p"]:
+        """Which of the mothers each wavelet has."""
+
+    @property
+    def centers(self) -> Float[np.ndarray, "p"]:
+        """Places."""
+
+    @property
+    def dilations(self) -> Float[np.ndarray, "p"]:
+        """Rms radii."""
+
+
+def freeze_wavelets(owner: Wavelets) -> None:
+    """Check the mothers, kinds, centers and dilations of a new value, and put copies in their places."""
+    mothers = different(owner.mothers)
+    kinds = _arrays.index(owner.kinds, "kinds", (None,), len(mothers))
+    dilations = _arrays.real(owner.dilations, "dilations", (len(kinds),))
     bad = np.nonzero(dilations <= 0)[0]
     if len(bad):
         raise InputError("dilations > 0", f"{len(bad)} that are not", "remove these wavelets", bad)
-    return names, _arrays.real(centers, "centers", (len(names),)), dilations
+    centers = _arrays.real(owner.centers, "centers", (len(kinds),))
+    for name, value in (("mothers", mothers), ("kinds", kinds), ("centers", centers), ("dilations", dilations)):
+        object.__setattr__(owner, name, value)
+
+
+def different(mothers: Sequence[Mother]) -> tuple[Mother, ...]:
+    """The mothers, if each has a name of its own."""
+    if not all(isinstance(psi, Mother) for psi in mothers):
+        raise InputError("mothers", ", ".join(type(psi).__name__ for psi in mothers), "take them from MOTHERS, or call mother(name)")
+    if len({psi.name for psi in mothers}) < len(mothers):
+        raise InputError("each mother once", ", ".join(psi.name for psi in mothers), "name each once")
+    return tuple(mothers)
 
 
 def scaled(x: Float[np.ndarray, "n"], centers: Float[np.ndarray, "p"], dilations: Float[np.ndarray, "p"]) -> Float[np.ndarray, "n p"]:
@@ -232,19 +261,13 @@ def scaled(x: Float[np.ndarray, "n"], centers: Float[np.ndarray, "p"], dilations
     return np.subtract.outer(x, centers) / dilations
 
 
-def sampled(mothers: tuple[str, ...], z: Float[np.ndarray, "n p"]) -> Float[np.ndarray, "n p"]:
-    """psi of each column."""
-    values = np.empty(z.shape)
-    for psi, columns in by_mother(mothers):
-        values[:, columns] = psi(z[:, columns])
-    return values
-
-
-def by_mother(mothers: tuple[str, ...]) -> Iterator[tuple[Mother, Int[np.ndarray, "c"]]]:
-    """Each different mother with the numbers of its wavelets."""
-    names = np.array(mothers, dtype=str)
-    for name in dict.fromkeys(mothers):
-        yield mother(name), np.nonzero(names == name)[0]
+def sampled(wavelets: Wavelets, x: Float[np.ndarray, "n"]) -> Float[np.ndarray, "n p"]:
+    """psi((x - center) / dilation), a column per wavelet."""
+    z = scaled(x, wavelets.centers, wavelets.dilations)
+    for kind, psi in enumerate(wavelets.mothers):
+        columns = wavelets.kinds == kind
+        z[:, columns] = psi(z[:, columns])
+    return z
 
 
 def affine_basis(x: Float[np.ndarray, "n"]) -> Float[np.ndarray, "n a"]:
@@ -255,12 +278,15 @@ def affine_basis(x: Float[np.ndarray, "n"]) -> Float[np.ndarray, "n a"]:
     return np.column_stack([one, slope / length]) if length > 0 else one
 
 
-def normalised(values: Float[np.ndarray, "n l"], x: Float[np.ndarray, "n"], normalisation: Normalisation) -> Float[np.ndarray, "n l"]:
-    """Candidates without their affine part, times alpha (Eq. 5)."""
+def normalised(
+    values: Float[np.ndarray, "n l"], x: Float[np.ndarray, "n"], normalisation: Normalisation
+) -> tuple[Float[np.ndarray, "n l"], Float[np.ndarray, "l"]]:
+    """Candidates without their affine part, times alpha (Eq. 5); and alpha."""
     basis = affine_basis(x)
     rest = values - basis @ (basis.T @ values)
     rest -= basis @ (basis.T @ rest)  # twice is enough for orthogonality to rounding
-    before, left = np.linalg.norm(values, axis=0), np.linalg.norm(rest, axis=0)
+    before, left = (np.sqrt(np.einsum("nl,nl->l", columns, columns)) for columns in (values, rest))
     affine = left <= AFFINE_ROUNDING * before
-    alpha = before if normalisation == "literal" else 1 / np.where(affine, 1, left)
-    return np.where(affine, 0, rest * alpha)
+    alpha = np.where(affine, 0, before if normalisation == "literal" else 1 / np.where(affine, 1, left))
+    rest *= alpha
+    return rest, alpha

@@ -9,19 +9,21 @@ the sum over the mothers is over disjoint sets of wavelets.
 """
 
 import os
-from collections import Counter
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Float, Int
 
 from morphlet import _arrays, _store
 from morphlet.errors import FileError, InputError
-from morphlet.wavenet.library import by_mother, sampled, scaled, wavelets
+from morphlet.wavenet.library import Wavelets, different, freeze_wavelets, sampled, scaled
+from morphlet.wavenet.mothers import Mother, mother
 
 KIND, VERSION = "wavelet network", 1
-ARRAYS = ("mothers", "centers", "dilations", "weights", "affine")
+ARRAYS = ("mothers", "kinds", "centers", "dilations", "weights", "affine")
 
 
 @dataclass(frozen=True, eq=False)
@@ -31,7 +33,9 @@ class WaveletNetwork:
     Parameters
     ----------
     mothers
-        Names of the mothers, one per wavelet.
+        Different mothers.
+    kinds
+        Which of the mothers each wavelet has.
     centers, dilations
         Places and rms radii (positive), in units of x.
     weights
@@ -42,12 +46,14 @@ class WaveletNetwork:
     Raises
     ------
     InputError
-        If shapes do not agree, a mother is unknown, a number is not finite, or a dilation is not positive.
+        If shapes do not agree, two mothers have one name, a kind is no mother's, a number is not finite, or a dilation is
+        not positive.
 
     Examples
     --------
     >>> from morphlet.wavenet.network import WaveletNetwork
-    >>> net = WaveletNetwork(("polywog1",), [0.5], [0.1], [[2.0, 0.0]], [[0.0, 1.0], [0.0, 3.0]])
+    >>> from morphlet.wavenet.mothers import MOTHERS
+    >>> net = WaveletNetwork((MOTHERS["polywog1"],), [0], [0.5], [0.1], [[2.0, 0.0]], [[0.0, 1.0], [0.0, 3.0]])
     >>> net(np.array([0.5, 1.0])).round(3)
     array([[0. , 2.5],
            [0. , 4. ]])
@@ -55,26 +61,24 @@ class WaveletNetwork:
     {'polywog1': 1}
     """
 
-    mothers: tuple[str, ...]
+    mothers: tuple[Mother, ...]
+    kinds: Int[np.ndarray, "p"]
     centers: Float[np.ndarray, "p"]
     dilations: Float[np.ndarray, "p"]
     weights: Float[np.ndarray, "p k"]
     affine: Float[np.ndarray, "2 k"]
 
     def __post_init__(self) -> None:
-        names, centers, dilations = wavelets(self.mothers, self.centers, self.dilations)
+        freeze_wavelets(self)
         affine = _arrays.real(self.affine, "affine", (2, None))
-        object.__setattr__(self, "mothers", names)
-        object.__setattr__(self, "centers", centers)
-        object.__setattr__(self, "dilations", dilations)
-        object.__setattr__(self, "weights", _arrays.real(self.weights, "weights", (len(names), affine.shape[1])))
+        object.__setattr__(self, "weights", _arrays.real(self.weights, "weights", (len(self), affine.shape[1])))
         object.__setattr__(self, "affine", affine)
 
     def __reduce__(self) -> tuple[Any, ...]:
         return WaveletNetwork, (self.mothers, *(np.array(getattr(self, name)) for name in ARRAYS[1:]))
 
     def __len__(self) -> int:
-        return len(self.mothers)
+        return len(self.centers)
 
     def __repr__(self) -> str:
         return f"WaveletNetwork({len(self)} wavelets, {self.affine.shape[1]} outputs)"
@@ -93,8 +97,7 @@ class WaveletNetwork:
             If a number is not finite.
         """
         x = _arrays.real(x, "x", (None,))
-        values = sampled(self.mothers, scaled(x, self.centers, self.dilations))
-        return self.affine[0] + np.multiply.outer(x, self.affine[1]) + values @ self.weights
+        return self.affine[0] + np.multiply.outer(x, self.affine[1]) + sampled(self, x) @ self.weights
 
     def jacobian(self, x: Float[np.ndarray, "n"]) -> Float[np.ndarray, "n k"]:
         """Slopes of the outputs at each x.
@@ -107,19 +110,19 @@ class WaveletNetwork:
         Examples
         --------
         >>> from morphlet.wavenet.network import WaveletNetwork
-        >>> WaveletNetwork((), [], [], np.zeros((0, 1)), [[1.0], [3.0]]).jacobian(np.array([0.5]))
+        >>> WaveletNetwork((), [], [], [], np.zeros((0, 1)), [[1.0], [3.0]]).jacobian(np.array([0.5]))
         array([[3.]])
         """
         x = _arrays.real(x, "x", (None,))
-        z = scaled(x, self.centers, self.dilations)
-        slopes = np.empty(z.shape)
-        for psi, columns in by_mother(self.mothers):
-            slopes[:, columns] = psi.derivative(z[:, columns])
+        slopes = scaled(x, self.centers, self.dilations)
+        for kind, psi in enumerate(self.mothers):
+            columns = self.kinds == kind
+            slopes[:, columns] = psi.derivative(slopes[:, columns])
         return self.affine[1] + (slopes / self.dilations) @ self.weights
 
     def counts(self) -> dict[str, int]:
-        """How many wavelets there are of each mother, in the order of their first."""
-        return dict(Counter(self.mothers))
+        """How many wavelets there are of each mother."""
+        return counted(self)
 
     def save(self, path: str | os.PathLike[str]) -> None:
         """Write the network to an `.npz` file.
@@ -129,21 +132,45 @@ class WaveletNetwork:
         FileError
             If the file cannot be written.
         """
-        names = np.array(self.mothers, dtype=str)
-        _store.save(path, KIND, VERSION, {"mothers": names} | {name: getattr(self, name) for name in ARRAYS[1:]})
+        _store.save(path, KIND, VERSION, {name: getattr(self, name) for name in ARRAYS[1:]} | named(self.mothers))
 
     @classmethod
-    def load(cls, path: str | os.PathLike[str]) -> "WaveletNetwork":
-        """Read what `save` wrote.
+    def load(cls, path: str | os.PathLike[str], mothers: Sequence[Mother] = ()) -> "WaveletNetwork":
+        """Read what `save` wrote; own mothers have to be passed.
 
         Raises
         ------
+        InputError
+            If what is passed are no mothers, or two of one name.
         FileError
-            If the file is no wavelet network.
+            If the file is no wavelet network, or has a mother that is not known.
         """
-        arrays = _store.load(path, KIND, VERSION, ARRAYS)
-        names = tuple(str(name) for name in arrays["mothers"].ravel())
-        try:
-            return cls(names, *(arrays[name] for name in ARRAYS[1:]))
-        except InputError as error:
-            raise FileError(f"a wavelet network in {path}: {error.needed}", error.found, "write it again", error.elements) from error
+        own, arrays = different(mothers), _store.load(path, KIND, VERSION, ARRAYS)
+        with refused_as_file(KIND, path):
+            return cls(found(arrays["mothers"], own), *(arrays[name] for name in ARRAYS[1:]))
+
+
+def counted(wavelets: Wavelets) -> dict[str, int]:
+    """How many wavelets there are of each mother, in the order of the mothers."""
+    counts = np.bincount(wavelets.kinds, minlength=len(wavelets.mothers))
+    return {psi.name: int(count) for psi, count in zip(wavelets.mothers, counts, strict=True)}
+
+
+def named(mothers: tuple[Mother, ...]) -> dict[str, np.ndarray]:
+    """How files keep mothers: by name."""
+    return {"mothers": np.array([psi.name for psi in mothers], dtype=str)}
+
+
+def found(names: np.ndarray, own: Sequence[Mother]) -> tuple[Mother, ...]:
+    """The mothers of these names, the own ones first."""
+    given = {psi.name: psi for psi in own}
+    return tuple(given.get(str(name)) or mother(str(name)) for name in names.ravel())
+
+
+@contextmanager
+def refused_as_file(kind: str, path: str | os.PathLike[str]) -> Iterator[None]:
+    """What a value refuses is a fault of the file it was read from."""
+    try:
+        yield
+    except InputError as error:
+        raise FileError(f"a {kind} in {path}: {error.needed}", error.found, "write it again", error.elements) from error
