@@ -433,3 +433,53 @@ def test_unfit_rows_are_refused(rows, message):
 def test_unfit_options_are_refused(n_wavelets, options, message):
     with pytest.raises(InputError, match=message):
         fit(X, X[:, None], HATS, FitOptions(n_wavelets, **options))
+
+
+@pytest.mark.parametrize("refinement", ["final", "interleaved"])
+def test_refinement_follows_the_samples_more_closely(refinement):
+    """A geometric mean over signals; wavelets move and the count stays."""
+    rows = np.stack([signal(seed) for seed in range(12)])
+    plain, moved = fit_rows(X, rows, HATS, FitOptions(8)), fit_rows(X, rows, HATS, FitOptions(8, refinement=refinement))
+    assert len(moved.table.centers) == len(plain.table.centers) == 96
+    assert np.log(moved.sse).mean() < np.log(plain.sse).mean() - np.log(1.5)
+    np.testing.assert_allclose(((moved.table(X) - rows) ** 2).sum(axis=(1, 2)), moved.sse, rtol=1e-9)
+    alone = fit(X, rows[3], HATS, FitOptions(8, refinement=refinement))
+    assert alone.sse[-1] == pytest.approx(moved.sse[3], rel=1e-9)
+    assert (len(alone.sse), alone.reason) == (9, "count")
+    assert (np.diff(alone.sse) <= 0).all()
+
+
+def test_final_refinement_never_harms():
+    rows = np.stack([signal(seed, 2) for seed in range(6)])
+    plain, moved = fit_rows(X, rows, HATS, FitOptions(5)), fit_rows(X, rows, HATS, FitOptions(5, refinement="final"))
+    assert (moved.sse <= plain.sse * (1 + 1e-12)).all()
+
+
+def test_interleaved_refinement_stops_at_the_tolerance_and_by_cross_validation():
+    rng = np.random.default_rng(0)
+    smooth = np.sin(7 * X)[None, :, None]
+    near = fit_rows(X, smooth, HATS, FitOptions(20, tolerance=1e-4, refinement="interleaved"))
+    assert near.reasons == ("tolerance",)
+    assert near.sse[0] <= 1e-4 * len(X)
+    noisy = smooth + 0.1 * rng.normal(size=(1, 128, 1))
+    few = fit_rows(X, noisy, HATS, FitOptions(20, stop="gcv", refinement="interleaved"))
+    full = fit_rows(X, noisy, HATS, FitOptions(20, refinement="interleaved"))
+    assert few.reasons == ("gcv",)
+    assert len(few.table.centers) < 12
+    assert np.abs(few.table(X) - smooth).mean() < np.abs(full.table(X) - smooth).mean()
+
+
+def test_refinement_of_no_rows_is_nothing():
+    assert len(fit_rows(X, np.zeros((0, 128, 1)), HATS, FitOptions(3, stop="gcv", refinement="interleaved")).table) == 0
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        ({"refinement": "much"}, "needed a refinement of none, final, interleaved; found 'much'"),
+        ({"refinement": "interleaved", "method": "mp"}, "needed method ols with interleaved refinement; found mp"),
+    ],
+)
+def test_unfit_refinement_is_refused(options, message):
+    with pytest.raises(InputError, match=message):
+        FitOptions(**options)

@@ -140,3 +140,18 @@ class NetworkTable:
         own, arrays = different(mothers), _store.load(path, KIND, VERSION, ARRAYS)
         with refused_as_file(KIND, path):
             return cls(found(arrays["mothers"], own), *(arrays[name] for name in ARRAYS[1:]))
+
+
+def joined(tables: Sequence[NetworkTable]) -> NetworkTable:
+    """The blocks of several tables of the same mothers, one after another.
+
+    Examples
+    --------
+    >>> from morphlet.wavenet.blocks import NetworkTable, joined
+    >>> affine = NetworkTable((), [0, 0], [], [], [], np.zeros((0, 1)), np.ones((1, 2, 1)))
+    >>> len(joined([affine, affine, affine]))
+    3
+    """
+    counts = np.concatenate([np.diff(table.offsets) for table in tables])
+    arrays = (np.concatenate([getattr(table, name) for table in tables]) for name in ARRAYS[2:])
+    return NetworkTable(tables[0].mothers, np.append(0, np.cumsum(counts)), *arrays)

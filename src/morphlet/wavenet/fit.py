@@ -17,16 +17,15 @@ from jaxtyping import Float, Int
 
 from morphlet import _arrays
 from morphlet.errors import InputError
-from morphlet.wavenet.blocks import NetworkTable
-from morphlet.wavenet.library import Library
+from morphlet.wavenet.blocks import NetworkTable, joined
+from morphlet.wavenet.library import Library, fitting
 from morphlet.wavenet.network import WaveletNetwork
 from morphlet.wavenet.pursuit import RULES, Candidates, Method, Picks, prepare, pursue, weigh
+from morphlet.wavenet.refine import Growth, interleave_rows, refine_rows
 
 Stop = Literal["count", "gcv"]
 Reason = Literal["count", "tolerance", "gcv", "exhausted"]
-
-LARGEST = 1e150
-"""Largest value whose square is a number with room for sums."""
+Refinement = Literal["none", "final", "interleaved"]
 
 
 @dataclass(frozen=True)
@@ -43,6 +42,9 @@ class FitOptions:
         Rule of choice: "ols", "omp" or "mp".
     stop
         "count" for as many as that, or "gcv" for as many as generalised cross-validation finds to be more than noise.
+    refinement
+        Whether wavelets stay where the library has them ("none"), or their centers and dilations follow the samples: once
+        all are chosen ("final"), or after each choice as well ("interleaved", by orthogonal least squares only).
 
     Raises
     ------
@@ -53,19 +55,21 @@ class FitOptions:
     --------
     >>> from morphlet.wavenet.fit import FitOptions
     >>> FitOptions(method="omp")
-    FitOptions(n_wavelets=15, tolerance=0.0, method='omp', stop='count')
+    FitOptions(n_wavelets=15, tolerance=0.0, method='omp', stop='count', refinement='none')
     """
 
     n_wavelets: int = 15
     tolerance: float = 0.0
     method: Method = "ols"
     stop: Stop = "count"
+    refinement: Refinement = "none"
 
     def __post_init__(self) -> None:
-        if self.method not in RULES:
-            raise InputError(f"a method of {', '.join(RULES)}", repr(self.method), "choose one of them")
-        if self.stop not in get_args(Stop):
-            raise InputError(f"a stop of {', '.join(get_args(Stop))}", repr(self.stop), "choose one of them")
+        for name, choices in (("method", RULES), ("stop", get_args(Stop)), ("refinement", get_args(Refinement))):
+            if getattr(self, name) not in choices:
+                raise InputError(f"a {name} of {', '.join(choices)}", repr(getattr(self, name)), "choose one of them")
+        if self.refinement == "interleaved" and self.method != "ols":
+            raise InputError("method ols with interleaved refinement", self.method, "leave the method out, or refine at the end")
         if self.n_wavelets < 0 or not 0 <= self.tolerance < np.inf:
             found = f"n_wavelets {self.n_wavelets}, tolerance {self.tolerance}"
             raise InputError("n_wavelets >= 0 and a finite tolerance >= 0", found, "ask for 15 wavelets and tolerance 0, for instance")
@@ -80,7 +84,8 @@ class Fit:
     network
         The wavelets in the order of their choice, with their weights.
     sse
-        Sum of squared errors over all samples and outputs, of the affine part alone and after each pick.
+        Sum of squared errors over all samples and outputs, of the affine part alone and after each pick; the last one after
+        the refinement.
     reason
         Why it stopped: "count" (as many picks as asked), "tolerance" (error small enough), "gcv" (more would follow noise),
         or "exhausted" (no candidate that is left lowers the error).
@@ -176,7 +181,8 @@ def fit(x: Float[np.ndarray, "n"], y: Float[np.ndarray, "n k"], library: Library
     (WaveletNetwork(8 wavelets, 1 outputs), 'count', True)
     """
     values = _arrays.real(y, "y", (None, None))
-    return _single(_fitted(x, values[None], library, options or FitOptions()))
+    chosen = _fitted(x, values[None], library, options or FitOptions())
+    return Fit(chosen.table[0], chosen.traces[0], chosen.reasons[0])
 
 
 def fit_rows(x: Float[np.ndarray, "n"], rows: Float[np.ndarray, "r n k"], library: Library, options: FitOptions | None = None) -> RowFits:
@@ -215,24 +221,49 @@ def fit_rows(x: Float[np.ndarray, "n"], rows: Float[np.ndarray, "r n k"], librar
     >>> found.table, found.reasons
     (NetworkTable(3 blocks, 10 wavelets, 1 outputs), ('tolerance', 'tolerance', 'tolerance'))
     """
-    chosen = _fitted(x, _arrays.real(rows, "rows", (None, None, None)), library, options or FitOptions())
-    return RowFits(chosen.table, chosen.errors, chosen.reasons)
+    chosen = _fitted(x, rows, library, options or FitOptions())
+    return RowFits(chosen.table, np.array([trace[-1] for trace in chosen.traces]), chosen.reasons)
 
 
 @dataclass(frozen=True, eq=False)
 class _Chosen:
-    """The networks of all rows, with the gains of their picks and what is left."""
+    """The networks of all rows, and the squared error of each after each of its picks."""
 
     table: NetworkTable
-    n_picks: Int[np.ndarray, "r"]
-    gains: Float[np.ndarray, "r m"]
-    errors: Float[np.ndarray, "r"]
+    traces: tuple[Float[np.ndarray, "m1"], ...]
     reasons: tuple[Reason, ...]
 
 
 def _fitted(x: Float[np.ndarray, "n"], rows: Float[np.ndarray, "r n k"], library: Library, options: FitOptions) -> _Chosen:
-    """Check, prepare the candidates once, choose, weigh."""
-    x = _checked(x, rows)
+    """Choose, and move if asked."""
+    x, rows = fitting(x, rows)
+    if options.refinement == "interleaved":
+        return _interleaved(x, rows, library, options)
+    chosen = _selected(x, rows, library, options)
+    if options.refinement == "none":
+        return chosen
+    refined = refine_rows(x, rows, chosen.table)
+    traces = tuple(np.append(trace[:-1], sse) for trace, sse in zip(chosen.traces, refined.sse, strict=True))
+    return _Chosen(refined.table, traces, chosen.reasons)
+
+
+def _interleaved(x: Float[np.ndarray, "n"], rows: Float[np.ndarray, "r n k"], library: Library, options: FitOptions) -> _Chosen:
+    """Choose and move by turns; once more with fewer picks where cross-validation wants fewer."""
+    grown = interleave_rows(x, rows, library, Growth(options.n_wavelets, options.tolerance))
+    used = np.diff(grown.table.offsets)
+    met = (grown.sse <= options.tolerance * len(x)) & (options.tolerance > 0)
+    reasons = np.where(met, "tolerance", np.where(used == options.n_wavelets, "count", "exhausted")).astype("<U10")
+    if options.stop == "count":
+        return _Chosen(grown.table, grown.traces, tuple(reasons.tolist()))
+    fewer = [int(_best_validated(trace[:, None], rows.shape[1:])[0]) for trace in grown.traces]
+    again = [interleave_rows(x, row[None], library, Growth(m, options.tolerance)) for m, row in zip(fewer, rows, strict=True)]
+    reasons[np.array(fewer) < used] = "gcv"
+    table = joined([one.table for one in again]) if again else grown.table
+    return _Chosen(table, tuple(one.traces[0] for one in again), tuple(reasons.tolist()))
+
+
+def _selected(x: Float[np.ndarray, "n"], rows: Float[np.ndarray, "r n k"], library: Library, options: FitOptions) -> _Chosen:
+    """Prepare the candidates once, choose, weigh."""
     candidates = prepare(x, library, len(rows) * options.n_wavelets)
     parts = candidates.basis.T @ rows
     rests = rows - candidates.basis @ parts
@@ -240,19 +271,14 @@ def _fitted(x: Float[np.ndarray, "n"], rows: Float[np.ndarray, "r n k"], library
     picks, reasons = _cut(picks, rests, options)
     different = _merged(picks) if options.method == "mp" else picks
     weights, errors = weigh(candidates, different, rests)
-    return _Chosen(_table(candidates, different, weights, parts), picks.used, picks.gains, errors, reasons)
+    return _Chosen(_table(candidates, different, weights, parts), _traces(picks, errors), reasons)
 
 
-def _checked(x: Float[np.ndarray, "n"], rows: Float[np.ndarray, "r n k"]) -> Float[np.ndarray, "n"]:
-    """The places, if the rows fit them."""
-    x = _arrays.real(x, "x", (None,))
-    if rows.shape[1] != len(x):
-        raise InputError(f"{len(x)} values for {len(x)} places", f"{rows.shape[1]}", "pass one value per place and output")
-    if len(np.unique(x)) < 2:
-        raise InputError("samples at 2 or more different places", f"{len(np.unique(x))}", "sample the signal more densely")
-    if np.abs(rows).max(initial=0) > LARGEST:
-        raise InputError(f"values up to {LARGEST:g}", f"{np.abs(rows).max():g}", "change the unit: squares must not overflow")
-    return x
+def _traces(picks: Picks, errors: Float[np.ndarray, "r"]) -> tuple[Float[np.ndarray, "m1"], ...]:
+    """The error of each row after each of its picks: from the last one backwards, so that small errors keep their digits."""
+    gains = np.hstack([picks.gains, np.zeros((len(errors), 1))])
+    after = errors[:, None] + np.cumsum(gains[:, ::-1], axis=1)[:, ::-1]
+    return tuple(row[: used + 1] for row, used in zip(after, picks.used, strict=True))
 
 
 def _cut(picks: Picks, rests: Float[np.ndarray, "r n k"], options: FitOptions) -> tuple[Picks, tuple[Reason, ...]]:
@@ -300,10 +326,3 @@ def _table(candidates: Candidates, picks: Picks, weights: Float[np.ndarray, "r m
     of = picks.picks[kept]
     offsets = np.append(0, np.cumsum(picks.used))
     return NetworkTable(library.mothers, offsets, library.kinds[of], library.centers[of], library.dilations[of], weights[kept], affine)
-
-
-def _single(chosen: _Chosen) -> Fit:
-    """The only row, with the error after each of its picks."""
-    gains = chosen.gains[0, : chosen.n_picks[0]]
-    trace = chosen.errors[0] + np.append(np.cumsum(gains[::-1])[::-1], 0)  # backwards: small errors keep their digits
-    return Fit(chosen.table[0], trace, chosen.reasons[0])

@@ -28,6 +28,8 @@ FEWEST_SAMPLES = 3
 """Samples within a candidate's reach; with fewer it is not seen to be a wavelet."""
 LEAST_NORM = 1e-3
 """Sampled norm of a candidate that is worth keeping, relative to one that lies inside the signal wholly."""
+LARGEST = 1e150
+"""Largest value whose square is a number with room for sums."""
 AFFINE_ROUNDING = 1e-8
 """A candidate of which less than this share is left beside the affine part is itself affine on the samples."""
 
@@ -268,6 +270,18 @@ def sampled(wavelets: Wavelets, x: Float[np.ndarray, "n"]) -> Float[np.ndarray, 
         columns = wavelets.kinds == kind
         z[:, columns] = psi(z[:, columns])
     return z
+
+
+def fitting(x: Any, rows: Any) -> tuple[Float[np.ndarray, "n"], Float[np.ndarray, "r n k"]]:
+    """Checked places of samples, and signals on them."""
+    x, rows = _arrays.real(x, "x", (None,)), _arrays.real(rows, "rows", (None, None, None))
+    if rows.shape[1] != len(x):
+        raise InputError(f"{len(x)} values for {len(x)} places", f"{rows.shape[1]}", "pass one value per place and output")
+    if len(np.unique(x)) < 2:
+        raise InputError("samples at 2 or more different places", f"{len(np.unique(x))}", "sample the signal more densely")
+    if np.abs(rows).max(initial=0) > LARGEST:
+        raise InputError(f"values up to {LARGEST:g}", f"{np.abs(rows).max():g}", "change the unit: squares must not overflow")
+    return x, rows
 
 
 def affine_basis(x: Float[np.ndarray, "n"]) -> Float[np.ndarray, "n a"]:
