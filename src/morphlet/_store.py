@@ -47,11 +47,8 @@ def save(path: str | os.PathLike[str], kind: str, version: int, arrays: dict[str
 
 def load(path: str | os.PathLike[str], kind: str, version: int, names: tuple[str, ...]) -> dict[str, np.ndarray]:
     """Read the arrays of a file of this kind; any other content is a `FileError`."""
-    try:
-        with np.load(path, allow_pickle=False) as file:
-            arrays = {name: file[name] for name in file.files}
-    except UNREADABLE as error:
-        raise FileError(f"a morphlet {kind} file at {path}", str(error) or type(error).__name__, "write it again") from error
+    with _unreadable(f"a morphlet {kind} file at {path}"), np.load(path, allow_pickle=False) as file:
+        arrays = {name: file[name] for name in file.files}
     found = str(arrays.get("kind", "unknown"))
     if found != kind:
         raise FileError(f"a file of kind '{kind}' at {path}", f"kind '{found}'", "pass the matching file")
@@ -61,6 +58,21 @@ def load(path: str | os.PathLike[str], kind: str, version: int, names: tuple[str
     if missing:
         raise FileError(f"arrays {', '.join(names)} in {path}", f"{len(missing)} missing: {', '.join(missing)}", "write it again")
     return arrays
+
+
+def kind_of(path: str | os.PathLike[str]) -> str:
+    """What kind a file says it is; "unknown" if it does not say."""
+    with _unreadable(f"a morphlet file at {path}"), np.load(path, allow_pickle=False) as file:
+        return str(file["kind"]) if "kind" in file.files else "unknown"
+
+
+@contextmanager
+def _unreadable(needed: str) -> Iterator[None]:
+    """Bytes that are no such file are a `FileError`."""
+    try:
+        yield
+    except UNREADABLE as error:
+        raise FileError(needed, str(error) or type(error).__name__, "write it again") from error
 
 
 def _umask() -> int:

@@ -4,8 +4,9 @@ Verbs import what they need when they run, so that `morphlet --help` is instant.
 """
 
 import json
+import re
 import sys
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
@@ -13,7 +14,7 @@ from cyclopts import App, CycloptsError, Parameter, UnknownOptionError
 
 from morphlet import __version__
 from morphlet.console import Common, Run, execute, plain, refuse
-from morphlet.errors import InputError, MeshError
+from morphlet.errors import InputError, MeshError, SolveError
 
 if TYPE_CHECKING:
     from morphlet.pipeline import CorrespondResult
@@ -21,6 +22,17 @@ if TYPE_CHECKING:
     from morphlet.sphere.map import SphericalMap
     from morphlet.surface.mesh import Mesh
     from morphlet.surface.repair import Repaired
+    from morphlet.wavenet.mothers import Mother
+
+    RowChoices = tuple[
+        int | None,
+        Literal["octahedral", "latlong"],
+        Literal["ols", "omp", "mp"],
+        Literal["joint", "separate"],
+        int,
+        Literal["none", "final", "interleaved"],
+    ]
+    Approximator = Callable[[SphericalMap, bool], tuple[Any, dict[str, Any]]]
 
 Which = Literal["all", "largest"]
 Output = Annotated[Path, Parameter(name=["--output", "-o"])]
@@ -32,6 +44,8 @@ MESHES = (".ply", ".obj", ".off", ".stl", ".glb")
 """Endings of mesh files that can be written."""
 DEMO_FRAMES = 24
 RESULT = "result.json"
+NEXT_MOTHER = re.compile(r",(?![^(]*\))")
+"""The comma between two mothers, not that within beta2(4,8)."""
 
 app = App(
     name="morphlet",
@@ -237,6 +251,107 @@ def image(
         return {"size": size, "rmse": sampled.rmse(mapped), "repairs": _repairs(mapped.surface)}
 
     return execute("image", [mesh], common, work)
+
+
+@app.command
+def approximate(
+    mesh: Path,
+    /,
+    *,
+    output: Output,
+    wavelets: int | None = None,
+    error: str | None = None,
+    size: int | None = None,
+    layout: Literal["octahedral", "latlong"] = "octahedral",
+    mothers: str | None = None,
+    method: Literal["ols", "omp", "mp"] = "ols",
+    coordinates: Literal["joint", "separate"] = "joint",
+    block_rows: int = 1,
+    refinement: Literal["none", "final", "interleaved"] = "none",
+    residual: Annotated[bool, Parameter(negative=())] = False,
+    over: Literal["rows", "sphere"] = "rows",
+    component: Kept = "all",
+    cut_handles: Cuts = 0,
+    common: Common = DEFAULTS,
+) -> int:
+    """Approximate a mesh by wavelet networks, block by block; reconstruct brings it back.
+
+    Parameters
+    ----------
+    mesh
+        A mesh that has a spherical map.
+    output
+        .npz file: the matrix IC of all networks, and the directions and faces of the mesh.
+    wavelets
+        Most of each block: 15 if left out, or with an error as many as it takes (up to 128). Over the sphere, of the whole: 500.
+    error
+        What every block has to meet, rms: a distance in mesh units, or like 0.1% of the bounding-box diagonal.
+    size
+        Number of rows of the geometry image; 129 if left out.
+    layout
+        How the sphere is unfolded: onto a square, or by latitude and longitude (twice as many columns as rows).
+    mothers
+        Mother wavelets, comma between (an unknown name lists them): the paper's six if left out, or beta2,beta1 over the sphere.
+    method
+        Rule by which wavelets are chosen: orthogonal least squares, or a matching pursuit.
+    coordinates
+        Whether x, y and z share their wavelets.
+    block_rows
+        Rows of the image in a block.
+    refinement
+        Whether wavelets move to where they fit best: not at all, once all are chosen, or after each choice (10 to 100 times slower).
+    residual
+        Store what the networks miss too: the mesh comes back exactly.
+    over
+        Networks over the rows of the geometry image, as in the paper, or one network over the whole sphere.
+    """
+
+    def work(run: Run) -> dict[str, Any]:
+        run.file(output, ".npz")
+        rows = (size, layout, method, coordinates, block_rows, refinement)
+        how = _over_sphere(wavelets, error, mothers, rows) if over == "sphere" else _over_rows(wavelets, error, mothers, rows)
+        mapped = _mapped(run, _closed(run, mesh, (component, cut_handles)), mesh.name)
+        run.stage("networks")
+        found, figures = how(mapped, residual)
+        found.save(run.place(output))
+        _draw_beside(run, mapped.mesh, found.mesh())
+        return figures | {"over": over, "bytes": run.place(output).stat().st_size, "repairs": _repairs(mapped.surface)}
+
+    return execute("approximate", [mesh], common, work)
+
+
+@app.command
+def reconstruct(ic: Path, /, *, output: Output, common: Common = DEFAULTS) -> int:
+    """Bring a mesh back from the file that approximate wrote, and from nothing else.
+
+    Parameters
+    ----------
+    ic
+        .npz file that approximate wrote.
+    output
+        Mesh file, with the vertices in the order and the faces of the mesh that was approximated.
+    """
+
+    def work(run: Run) -> dict[str, Any]:
+        with run.uncounted():
+            from morphlet.approximation.stored import load
+            from morphlet.io.formats import write
+
+        run.file(output, *MESHES)
+        found = load(ic)
+        shape = found.mesh()
+        write(run.place(output), shape)
+        _draw(run, shape)
+        counts = found.counts()
+        return {
+            "vertices": shape.n_vertices,
+            "faces": shape.n_faces,
+            "wavelets": sum(counts.values()),
+            "blocks": found.blocks,
+            "counts": counts,
+        }
+
+    return execute("reconstruct", [ic], common, work)
 
 
 @app.command
@@ -530,6 +645,79 @@ def _matched(run: Run, ends: tuple[Path, Path], pairs: Path | None, mending: tup
     return matched
 
 
+def _over_rows(wavelets: int | None, error: str | None, mothers: str | None, rows: "RowChoices") -> "Approximator":
+    """Networks over the rows of the geometry image; what cannot be is refused before the work."""
+    from dataclasses import replace
+
+    from morphlet.approximation.quality import diagonal
+    from morphlet.approximation.rows import ENOUGH, SIZE, RowOptions, approximate_by_rows, rows_of_blocks
+    from morphlet.sphere.image import directions
+
+    size, layout, method, coordinates, block_rows, refinement = rows
+    height, plain_rule = SIZE if size is None else size, RowOptions()
+    most = wavelets if wavelets is not None else plain_rule.n_wavelets if error is None else ENOUGH
+    options = RowOptions(most, _length(error, 1.0), method, _mothers(mothers) or plain_rule.mothers, coordinates, block_rows, refinement)
+    directions(layout, height)
+    rows_of_blocks(height, block_rows)
+
+    def made(mapped: "SphericalMap", residual: bool) -> tuple[Any, dict[str, Any]]:
+        meant = replace(options, error=_length(error, diagonal(mapped)))
+        found = approximate_by_rows(mapped, height, layout, meant)
+        found = found.with_residual(mapped.mesh) if residual else found
+        figures = found.figures(mapped) | {"size": height, "layout": layout}
+        _require_met(figures["block_error_max"], meant.error, meant.n_wavelets)
+        return found, figures
+
+    return made
+
+
+def _over_sphere(wavelets: int | None, error: str | None, mothers: str | None, rows: "RowChoices") -> "Approximator":
+    """One network over the whole sphere."""
+    import numpy as np
+
+    from morphlet.approximation.quality import diagonal
+    from morphlet.approximation.surface import DEFAULT, WAVELETS, ApproximationOptions, approximate
+
+    if rows != (None, "octahedral", "ols", "joint", 1, "none"):
+        needed = "no --size, --layout, --method, --coordinates, --block-rows or --refinement with --over sphere"
+        raise InputError(needed, "one of them", "leave it out: there are no rows, and orthogonal least squares is the rule")
+    most, chosen = WAVELETS if wavelets is None else wavelets, _mothers(mothers) or DEFAULT.mothers
+    _length(error, 1.0)
+
+    def made(mapped: "SphericalMap", residual: bool) -> tuple[Any, dict[str, Any]]:
+        length = _length(error, diagonal(mapped))
+        found = approximate(mapped, mapped.mesh.vertices, most, ApproximationOptions(chosen, tolerance=length**2))
+        _require_met(float(np.sqrt(found.fit.sse[-1])), length, most)
+        found = found.with_residual(mapped.mesh.vertices) if residual else found
+        return found, found.figures(mapped)
+
+    return made
+
+
+def _mothers(names: str | None) -> "tuple[Mother, ...]":
+    """Mothers by their names."""
+    from morphlet.wavenet.mothers import mother
+
+    return tuple(mother(name.strip()) for name in ([] if names is None else NEXT_MOTHER.split(names)))
+
+
+def _length(text: str | None, diagonal: float) -> float:
+    """A length in mesh units, or in percent of the bounding-box diagonal; 0 if there is none."""
+    if text is None:
+        return 0.0
+    try:
+        return float(text.removesuffix("%")) * (diagonal / 100 if text.endswith("%") else 1)
+    except ValueError as error:
+        raise InputError("a length like 0.01, or 0.1% of the bounding-box diagonal", repr(text), "give a number") from error
+
+
+def _require_met(worst: float, error: float, wavelets: int) -> None:
+    """Refuse networks that miss the error that was demanded."""
+    if 0 < error < worst:
+        most = f"{worst:.4g} in the worst, with at most {wavelets} wavelets"
+        raise SolveError(f"an rms error of {error:.4g} in each block", most, "allow more --wavelets, or a larger --error")
+
+
 def _found(matched: "CorrespondResult") -> dict[str, Any]:
     """What `correspond` tells."""
     repairs = {"source": _repairs(matched.source_map.surface), "target": _repairs(matched.target_map.surface)}
@@ -562,6 +750,21 @@ def _draw(run: Run, shape: "Mesh") -> None:
             from morphlet.report.render import render
 
         render(shape).save(run.place(run.common.picture))
+
+
+def _draw_beside(run: Run, first: "Mesh", second: "Mesh") -> None:
+    """The picture of two meshes from one side, if one was asked for."""
+    if run.common.picture is not None:
+        with run.uncounted():
+            from dataclasses import replace
+
+            import numpy as np
+
+            from morphlet.report.camera import view
+            from morphlet.report.render import render
+
+        left, right = (render(shape, camera=view(first)) for shape in (first, second))
+        replace(left, pixels=np.hstack([left.pixels, right.pixels])).save(run.place(run.common.picture))
 
 
 def _draw_sphere(run: Run, mapped: "SphericalMap") -> None:
