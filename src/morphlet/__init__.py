@@ -4,6 +4,13 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
+    from morphlet.approximation.rows import RowApproximation as RowApproximation
+    from morphlet.approximation.rows import RowOptions as RowOptions
+    from morphlet.approximation.rows import approximate_by_rows as approximate_by_rows
+    from morphlet.approximation.rows import approximate_rows as approximate_rows
+    from morphlet.approximation.surface import ApproximationOptions as ApproximationOptions
+    from morphlet.approximation.surface import SurfaceApproximation as SurfaceApproximation
+    from morphlet.approximation.surface import approximate as approximate
     from morphlet.errors import Cancelled as Cancelled
     from morphlet.errors import FileError as FileError
     from morphlet.errors import InputError as InputError
@@ -54,10 +61,33 @@ if TYPE_CHECKING:
     from morphlet.surface.repair import RepairOptions as RepairOptions
     from morphlet.surface.repair import repair as repair
     from morphlet.surface.sequence import MeshSequence as MeshSequence
+    from morphlet.wavenet.blocks import NetworkTable as NetworkTable
+    from morphlet.wavenet.fit import Fit as Fit
+    from morphlet.wavenet.fit import FitOptions as FitOptions
+    from morphlet.wavenet.fit import RowFits as RowFits
+    from morphlet.wavenet.fit import fit as fit
+    from morphlet.wavenet.fit import fit_rows as fit_rows
+    from morphlet.wavenet.library import Library as Library
+    from morphlet.wavenet.library import dyadic_library as dyadic_library
+    from morphlet.wavenet.mothers import MOTHERS as MOTHERS
+    from morphlet.wavenet.mothers import PAPER_SIX as PAPER_SIX
+    from morphlet.wavenet.mothers import Mother as Mother
+    from morphlet.wavenet.mothers import beta as beta
+    from morphlet.wavenet.mothers import coherence as coherence
+    from morphlet.wavenet.mothers import make_mother as make_mother
+    from morphlet.wavenet.mothers import mother as mother
+    from morphlet.wavenet.network import WaveletNetwork as WaveletNetwork
+    from morphlet.wavenet.spherical import SphericalLibrary as SphericalLibrary
+    from morphlet.wavenet.spherical import SphericalNetwork as SphericalNetwork
+    from morphlet.wavenet.spherical import spherical_library as spherical_library
+    from morphlet.wavenet.spherical_fit import SphericalFit as SphericalFit
+    from morphlet.wavenet.spherical_fit import fit_sphere as fit_sphere
 
 __version__ = "0.1.0"
 
 _HOMES = {
+    "morphlet.approximation.rows": "RowApproximation RowOptions approximate_by_rows approximate_rows",
+    "morphlet.approximation.surface": "ApproximationOptions SurfaceApproximation approximate",
     "morphlet.errors": "Cancelled FileError InputError MeshError MissingExtra MorphletError SolveError",
     "morphlet.io.formats": "read rewrite write",
     "morphlet.io.pairs": "read_pairs write_pairs",
@@ -82,6 +112,13 @@ _HOMES = {
     "morphlet.surface.region": "Region",
     "morphlet.surface.repair": "Repair Repaired RepairOptions repair",
     "morphlet.surface.sequence": "MeshSequence",
+    "morphlet.wavenet.blocks": "NetworkTable",
+    "morphlet.wavenet.fit": "Fit FitOptions RowFits fit fit_rows",
+    "morphlet.wavenet.library": "Library dyadic_library",
+    "morphlet.wavenet.mothers": "MOTHERS PAPER_SIX Mother beta coherence make_mother mother",
+    "morphlet.wavenet.network": "WaveletNetwork",
+    "morphlet.wavenet.spherical": "SphericalLibrary SphericalNetwork spherical_library",
+    "morphlet.wavenet.spherical_fit": "SphericalFit fit_sphere",
 }
 _HOME = {name: module for module, names in _HOMES.items() for name in names.split()}
 __all__ = ["__version__", *sorted(_HOME)]

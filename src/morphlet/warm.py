@@ -19,6 +19,11 @@ from morphlet.sphere.locate import Locator
 from morphlet.surface.mesh import Mesh
 from morphlet.surface.operators import laplacian, mass
 from morphlet.surface.pairs import VertexPairs
+from morphlet.wavenet.fit import FitOptions, fit_rows
+from morphlet.wavenet.library import dyadic_library
+from morphlet.wavenet.mothers import MOTHERS
+from morphlet.wavenet.spherical import spherical_library
+from morphlet.wavenet.spherical_fit import fit_sphere
 
 LEVEL = 4
 """Subdivisions of the icosphere that exercises every kernel (2562 vertices)."""
@@ -53,8 +58,12 @@ def compile_kernels() -> None:
 
 
 def compile_solves() -> None:
-    """The share of the second process: linear solves and point location."""
+    """The share of the second process: wavelet networks, linear solves and point location."""
     points, faces = icosphere(LEVEL)
     ball = Mesh(points, faces)
+    x = np.linspace(0, 1, 32)
+    fit_rows(x, x[None, :, None] ** 2, dyadic_library([MOTHERS["beta2"]], x, levels=2), FitOptions(2, refinement="interleaved"))
+    fit_rows(x, x[None, :, None] ** 2, dyadic_library([MOTHERS["beta2"]], x, levels=2), FitOptions(2))
+    fit_sphere(points, points**2, np.ones(len(points)), spherical_library([MOTHERS["beta2"]], points, np.ones(len(points)), levels=1), 2)
     factorize((laplacian(ball) + mass(ball)).tocsc()).solve(np.ones(ball.n_vertices))
     Locator.prepare(points, ball.topology).locate(points[:3])
