@@ -48,6 +48,13 @@ def test_a_tetrahedron_cannot_be_thinned():
     assert len(left) == 4
 
 
+def test_held_vertices_are_never_removed():
+    vertices, faces = icosphere(2)
+    held = np.array([3, 40, 41, 65])
+    assert np.isin(held, thinned(vertices, faces, np.ones(len(vertices)), 30, held)[1]).all()
+    assert not np.isin(held, thinned(vertices, faces, np.ones(len(vertices)), 30)[1]).all()
+
+
 def test_short_edges_go_first():
     vertices, faces = icosphere(3)
     lengths = np.where(vertices[:, 2] > 0, 1.0, 0.2)  # the northern half wants long edges

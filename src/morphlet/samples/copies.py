@@ -3,6 +3,7 @@
 import numpy as np
 from jaxtyping import Float, Int
 
+from morphlet import _arrays
 from morphlet.errors import MeshError
 from morphlet.samples import surgery
 from morphlet.samples.meshing import edge_middles, midpoint_faces
@@ -18,6 +19,12 @@ JITTER = 0.3
 UNEVEN = 0.25
 """Logarithmic spread of the edge lengths wanted by collapses: another choice of vertices for each seed."""
 
+FIDELITY = 10.0
+"""How much a collapse's height over the surface counts beside its length: at 0 thin limbs lost 2.4 % of a wolf's area, now 0.8 %."""
+
+CREASE = 0.94
+"""Flips turn faces by at most 20 degrees: they leave creases and tips alone."""
+
 CORNERS = np.eye(3)
 MIDDLES = 0.5 * (CORNERS + np.roll(CORNERS, -1, axis=0))
 QUARTERS = midpoint_faces(np.array([[0, 1, 2]]), np.array([[3, 4, 5]]))[0]
@@ -25,11 +32,11 @@ QUARTER_WEIGHTS = np.concatenate([CORNERS, MIDDLES])[QUARTERS]
 """Weights, in the corners of a face, of the corners of its four quarters: (4, 3, 3)."""
 
 
-def remeshed(mesh: Mesh, seed: int = 0) -> tuple[Mesh, SurfacePoints]:
+def remeshed(mesh: Mesh, seed: int = 0, held: Int[np.ndarray, "k"] = surgery.NONE) -> tuple[Mesh, SurfacePoints]:
     """The same shape with about 85 % of the vertices, elsewhere, otherwise joined and in another order.
 
     Every face is split in four, every vertex moved to a random place in one of the faces around it, and edges are
-    collapsed onto one of their ends, short ones first, and flipped where that is Delaunay. So equal numbering cannot
+    collapsed onto one of their ends, short and flat ones first, and flipped where that is Delaunay. So equal numbering cannot
     flatter a map between the two.
 
     Parameters
@@ -38,6 +45,8 @@ def remeshed(mesh: Mesh, seed: int = 0) -> tuple[Mesh, SurfacePoints]:
         A closed, consistently oriented mesh.
     seed
         Another copy for each.
+    held
+        Vertices of the original that stay where they are, for landmarks; their places have the weight 1.
 
     Returns
     -------
@@ -49,6 +58,8 @@ def remeshed(mesh: Mesh, seed: int = 0) -> tuple[Mesh, SurfacePoints]:
     ------
     MeshError
         If the mesh has a boundary, or a directed edge used twice.
+    InputError
+        If a held vertex is none of the mesh.
 
     Notes
     -----
@@ -66,26 +77,27 @@ def remeshed(mesh: Mesh, seed: int = 0) -> tuple[Mesh, SurfacePoints]:
     open_edges = np.nonzero(mesh.topology.twins < 0)[0]
     if len(open_edges):
         raise MeshError("a closed mesh", f"{len(open_edges)} boundary edges", "try repair(mesh)", mesh.topology.halfedges[open_edges])
-    rng = np.random.default_rng(seed)
+    rng, fixed = np.random.default_rng(seed), _arrays.index(held, "held", (None,), mesh.n_vertices)
     edges, middle = edge_middles(mesh.faces, mesh.n_vertices)
     fine = midpoint_faces(mesh.faces, middle).reshape(-1, 3)
-    places = _jittered(mesh, fine, mesh.n_vertices + len(edges), rng)
+    places = _jittered(fine, mesh.n_vertices + len(edges), fixed, rng)
     vertices = places.positions(mesh)
     lengths = np.exp(UNEVEN * rng.standard_normal(len(vertices))) * _edge_lengths(vertices, fine)
-    faces, kept = surgery.thinned(vertices, fine, lengths, int(KEPT * mesh.n_vertices))
+    faces, kept = surgery.thinned(vertices, fine, lengths, int(KEPT * mesh.n_vertices), fixed, FIDELITY)
     order = rng.permutation(len(kept))
-    kept, faces = kept[order], np.argsort(order)[surgery.flipped(vertices[kept], faces)]
+    kept, faces = kept[order], np.argsort(order)[surgery.flipped(vertices[kept], faces, CREASE)]
     truth = SurfacePoints(places.faces[kept], places.weights[kept])
     return Mesh(truth.positions(mesh), Topology(faces[rng.permutation(len(faces))], len(kept))), truth
 
 
-def _jittered(mesh: Mesh, fine: Int[np.ndarray, "M 3"], n: int, rng: np.random.Generator) -> SurfacePoints:
-    """A random place near each vertex of the subdivided mesh, as a place on the original."""
+def _jittered(fine: Int[np.ndarray, "M 3"], n: int, held: Int[np.ndarray, "k"], rng: np.random.Generator) -> SurfacePoints:
+    """A random place near each vertex of the subdivided mesh, as a place on the original; held vertices stay."""
     corner = np.empty(n, np.int64)
     shuffled = rng.permutation(fine.size)
     corner[fine.ravel()[shuffled]] = shuffled  # the last corner written wins: a random face around each vertex
     quarter = corner // 3
     in_quarter = _random_weights(corner % 3, rng)
+    in_quarter[held] = CORNERS[corner[held] % 3]
     return SurfacePoints(quarter // 4, np.einsum("kc,kcd->kd", in_quarter, QUARTER_WEIGHTS[quarter % 4]))
 
 

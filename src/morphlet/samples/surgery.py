@@ -6,13 +6,16 @@ half-edge of each; faces that are gone start at -1. No operation moves a vertex,
 """
 
 import numpy as np
-from jaxtyping import Float, Int
+from jaxtyping import Bool, Float, Int
 from numba import njit
 
 from morphlet.surface.mesh import Topology
 
 CANDIDATES = 0.3
-"""Share of the edges, shortest first, that one pass may collapse: keeps the thinning even."""
+"""Share of the edges, cheapest first, that one pass may collapse: keeps the thinning even."""
+
+TINY = np.finfo(float).tiny
+"""Keeps divisions by areas defined."""
 
 SHAPE_FLOOR = 0.3
 """Least shape quality (1 = equilateral, 0 = flat) of a face that a collapse may make, before it is relaxed."""
@@ -32,16 +35,29 @@ SWEEPS = 12
 ROUNDING = 1e-9
 """A sum of two cotangents must be below minus this for a flip, so that cocircular faces do not flip for ever."""
 
+NONE = np.zeros(0, np.int64)
+"""No vertices."""
+
 
 def thinned(
-    vertices: Float[np.ndarray, "n 3"], faces: Int[np.ndarray, "m 3"], lengths: Float[np.ndarray, "n"], wanted: int
+    vertices: Float[np.ndarray, "n 3"],
+    faces: Int[np.ndarray, "m 3"],
+    lengths: Float[np.ndarray, "n"],
+    wanted: int,
+    held: Int[np.ndarray, "k"] = NONE,
+    fidelity: float = 0.0,
 ) -> tuple[Int[np.ndarray, "f 3"], Int[np.ndarray, "w"]]:
-    """Faces over the `wanted` vertices that stay, and which these are; edges short beside `lengths` collapse first."""
+    """Faces over the `wanted` vertices that stay, the held ones among them, and which these are.
+
+    Edges short beside `lengths` collapse first; with a fidelity, `fidelity` times their height over the surface counts as length too.
+    """
     start, twins = faces.ravel().copy(), np.array(Topology(faces, len(vertices)).twins)
+    free = ~np.isin(np.arange(len(vertices)), held)
     points = np.array(vertices, order="C")
     surplus, floor = len(vertices) - wanted, SHAPE_FLOOR
     while surplus > 0 and floor > SHAPE_RELAXED:
-        removed = int(_collapse(start, twins, points, _shortest(start, points, lengths), np.array([surplus, floor])))
+        order = _cheapest(start, free, points, lengths, fidelity)
+        removed = int(_collapse(start, twins, points, order, np.array([surplus, floor])))
         surplus -= removed
         if removed < 0.01 * len(points) and surplus > removed:
             floor *= 0.5
@@ -50,22 +66,51 @@ def thinned(
     return compact.reshape(-1, 3).astype(np.int64), kept
 
 
-def flipped(vertices: Float[np.ndarray, "n 3"], faces: Int[np.ndarray, "m 3"]) -> Int[np.ndarray, "m 3"]:
-    """The faces after flips of all edges that are not Delaunay, where that folds nothing."""
+def flipped(vertices: Float[np.ndarray, "n 3"], faces: Int[np.ndarray, "m 3"], turn: float = TURN) -> Int[np.ndarray, "m 3"]:
+    """The faces after flips of all edges that are not Delaunay, where no face turns farther than this cosine says."""
     start, twins = faces.ravel().copy(), np.array(Topology(faces, len(vertices)).twins)
     points = np.array(vertices, order="C")
     for _ in range(SWEEPS):
-        if _flip(start, twins, points) == 0:
+        if _flip(start, twins, points, turn) == 0:
             break
     return start.reshape(-1, 3)
 
 
-def _shortest(start: Int[np.ndarray, "h"], points: Float[np.ndarray, "n 3"], lengths: Float[np.ndarray, "n"]) -> Int[np.ndarray, "c"]:
-    """Half-edges in order of length over wanted length, the first share of them."""
-    alive = np.nonzero(start >= 0)[0]
+def _cheapest(
+    start: Int[np.ndarray, "h"],
+    free: Bool[np.ndarray, "n"],
+    points: Float[np.ndarray, "n 3"],
+    lengths: Float[np.ndarray, "n"],
+    fidelity: float,
+) -> Int[np.ndarray, "c"]:
+    """Half-edges that begin at a free vertex, in order of cost over wanted length, the first share of them."""
+    alive = np.nonzero((start >= 0) & free[start])[0]
     u, v = start[alive], start[_after(alive)]
-    ratio = np.linalg.norm(points[u] - points[v], axis=1) / (lengths[u] + lengths[v])
-    return alive[np.argsort(ratio, kind="stable")[: int(CANDIDATES * len(alive)) + 1]]
+    cost = np.linalg.norm(points[u] - points[v], axis=1)
+    if fidelity > 0:
+        cost += fidelity * _heights(start, points, u, v)
+    return alive[np.argsort(cost / (lengths[u] + lengths[v]), kind="stable")[: int(CANDIDATES * len(alive)) + 1]]
+
+
+def _heights(
+    start: Int[np.ndarray, "h"], points: Float[np.ndarray, "n 3"], u: Int[np.ndarray, "k"], v: Int[np.ndarray, "k"]
+) -> Float[np.ndarray, "k"]:
+    """How far each vertex v lies off the planes of the faces around u, rms by area."""
+    edge, planes = points[v] - points[u], _planes(start, points)[u]
+    square = np.einsum("ei,eij,ej->e", edge, planes, edge) / np.maximum(np.trace(planes, axis1=1, axis2=2), TINY)
+    return np.sqrt(np.maximum(square, 0.0))  # rounding may leave a flat place below zero
+
+
+def _planes(start: Int[np.ndarray, "h"], points: Float[np.ndarray, "n 3"]) -> Float[np.ndarray, "n 3 3"]:
+    """Sum over the faces at each vertex of area times normal times normal."""
+    faces = start.reshape(-1, 3)
+    corners = points[faces[faces[:, 0] >= 0]]
+    vector = 0.5 * np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    area = np.linalg.norm(vector, axis=1)
+    outer = vector[:, :, None] * (vector / np.maximum(area, TINY)[:, None])[:, None, :]
+    at = faces[faces[:, 0] >= 0].ravel()
+    sums = [np.bincount(at, np.repeat(entry, 3), len(points)) for entry in outer.reshape(-1, 9).T]
+    return np.stack(sums, axis=1).reshape(-1, 3, 3)
 
 
 def _after(h: Int[np.ndarray, "k"]) -> Int[np.ndarray, "k"]:
@@ -169,12 +214,12 @@ def _normal(a: np.ndarray, b: np.ndarray, c: np.ndarray) -> np.ndarray:
 
 
 @njit(cache=True)
-def _flip(start: np.ndarray, twins: np.ndarray, points: np.ndarray) -> int:
+def _flip(start: np.ndarray, twins: np.ndarray, points: np.ndarray, turn: float) -> int:
     """One sweep of Delaunay flips; how many."""
     done = 0
     for h in range(len(start)):
         g = twins[h]
-        if h < g and _should_flip(h, start, twins, points):
+        if h < g and _should_flip(h, start, twins, points, turn):
             h1, h2, g1, g2 = _next(h), _next(_next(h)), _next(g), _next(_next(g))
             c, d = start[h2], start[g2]
             outer_h, outer_g = twins[h1], twins[g1]  # v -> c and u -> d change face
@@ -187,7 +232,7 @@ def _flip(start: np.ndarray, twins: np.ndarray, points: np.ndarray) -> int:
 
 
 @njit(cache=True)
-def _should_flip(h: int, start: np.ndarray, twins: np.ndarray, points: np.ndarray) -> bool:
+def _should_flip(h: int, start: np.ndarray, twins: np.ndarray, points: np.ndarray, turn: float) -> bool:
     """Whether the opposite angles exceed pi and the new edge is free, folds nothing and leaves enough neighbours."""
     g = twins[h]
     u, v, c, d = start[h], start[g], start[_next(_next(h))], start[_next(_next(g))]
@@ -197,7 +242,7 @@ def _should_flip(h: int, start: np.ndarray, twins: np.ndarray, points: np.ndarra
         return False
     old = _normal(points[u], points[v], points[c]) + _normal(points[v], points[u], points[d])
     for new in (_normal(points[u], points[d], points[c]), _normal(points[v], points[c], points[d])):
-        if np.dot(new, old) <= TURN * np.sqrt(np.dot(new, new) * np.dot(old, old)):
+        if np.dot(new, old) <= turn * np.sqrt(np.dot(new, new) * np.dot(old, old)):
             return False
     e = _next(_next(h))
     while start[_next(e)] != d:
