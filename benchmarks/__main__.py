@@ -4,7 +4,10 @@ import subprocess
 import sys
 from pathlib import Path
 
-SCRIPTS = ("first_run.py", "reading.py", "factorization.py", "point_location.py", "sphere_map.py", "sphere_torture.py", "mothers.py", "wavelet_rows.py", "wavelet_mesh.py")
+SCRIPTS = (
+    *("first_run.py", "reading.py", "factorization.py", "point_location.py", "sphere_map.py", "sphere_torture.py"),
+    *("mothers.py", "wavelet_rows.py", "wavelet_mesh.py", "correspondence.py"),
+)
 
 
 def main() -> int:

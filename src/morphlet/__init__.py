@@ -18,6 +18,12 @@ if TYPE_CHECKING:
     from morphlet.errors import MissingExtra as MissingExtra
     from morphlet.errors import MorphletError as MorphletError
     from morphlet.errors import SolveError as SolveError
+    from morphlet.features.matching import Matching as Matching
+    from morphlet.features.matching import MatchOptions as MatchOptions
+    from morphlet.features.matching import match as match
+    from morphlet.features.regions import RegionOptions as RegionOptions
+    from morphlet.features.regions import Regions as Regions
+    from morphlet.features.regions import find_regions as find_regions
     from morphlet.io.formats import read as read
     from morphlet.io.formats import rewrite as rewrite
     from morphlet.io.formats import write as write
@@ -26,6 +32,17 @@ if TYPE_CHECKING:
     from morphlet.io.sequences import write_sequence as write_sequence
     from morphlet.mapping.alignment import Alignment as Alignment
     from morphlet.mapping.correspondence import Correspondence as Correspondence
+    from morphlet.mapping.differential import laplacian_warp as laplacian_warp
+    from morphlet.mapping.differential import reconstruct as reconstruct
+    from morphlet.mapping.embedding import Embedding as Embedding
+    from morphlet.mapping.embedding import LeaveOneOut as LeaveOneOut
+    from morphlet.mapping.embedding import embed as embed
+    from morphlet.mapping.embedding import leave_one_out as leave_one_out
+    from morphlet.mapping.laying import EmbeddingOptions as EmbeddingOptions
+    from morphlet.mapping.overlay import Overlay as Overlay
+    from morphlet.mapping.overlay import overlay as overlay
+    from morphlet.mapping.warp import Warp as Warp
+    from morphlet.mapping.warp import warp_by_pairs as warp_by_pairs
     from morphlet.metrics import compare as compare
     from morphlet.motion.morph import Morph as Morph
     from morphlet.numerics.optimize import Step as Step
@@ -89,11 +106,18 @@ _HOMES = {
     "morphlet.approximation.rows": "RowApproximation RowOptions approximate_by_rows approximate_rows",
     "morphlet.approximation.surface": "ApproximationOptions SurfaceApproximation approximate",
     "morphlet.errors": "Cancelled FileError InputError MeshError MissingExtra MorphletError SolveError",
+    "morphlet.features.matching": "MatchOptions Matching match",
+    "morphlet.features.regions": "RegionOptions Regions find_regions",
     "morphlet.io.formats": "read rewrite write",
     "morphlet.io.pairs": "read_pairs write_pairs",
     "morphlet.io.sequences": "write_sequence",
     "morphlet.mapping.alignment": "Alignment",
     "morphlet.mapping.correspondence": "Correspondence",
+    "morphlet.mapping.differential": "laplacian_warp reconstruct",
+    "morphlet.mapping.embedding": "Embedding LeaveOneOut embed leave_one_out",
+    "morphlet.mapping.laying": "EmbeddingOptions",
+    "morphlet.mapping.overlay": "Overlay overlay",
+    "morphlet.mapping.warp": "Warp warp_by_pairs",
     "morphlet.metrics": "compare",
     "morphlet.motion.morph": "Morph",
     "morphlet.numerics.optimize": "Step Trace",

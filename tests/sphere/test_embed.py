@@ -182,9 +182,9 @@ def test_no_sweep_folds_a_face() -> None:
     """The map of each level is fold-free before and after its relaxation, also with hubs and slivers."""
     mesh = stacked(300)
     checked = []
-    relax = module._Ascent._relax
+    relax = module.Ascent.relax
 
-    def watched(self: module._Ascent, level: module.Level, last: bool, number: int) -> str:
+    def watched(self: module.Ascent, level: module.Level, last: bool, number: int) -> str:
         assert (exact_signs(level.S, level.F) > 0).all()
         before = level.value(level.S)
         reason = relax(self, level, last, number)
@@ -194,7 +194,7 @@ def test_no_sweep_folds_a_face() -> None:
         return reason
 
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(module._Ascent, "_relax", watched)
+        patch.setattr(module.Ascent, "relax", watched)
         embedded(mesh)
     assert checked == [8, 16, 32, 64, 128, 300]
 

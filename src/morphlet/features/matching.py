@@ -46,8 +46,8 @@ AMBIGUOUS, UNLIKE = 0.1, 1.75
 1.24, all right. Different animals: 11 right ones with margins from 0.14 and costs up to 1.90, 4 wrong ones with costs from 1.79."""
 MIRRORED = 0.2
 """Cost by which the mirror image may fit better, per pair: up to 0.04 for symmetric animals, 0.7 for a shape without symmetry."""
-CORE = 0.25
-"""Weight of the pair of cores, which are found less exactly than tips."""
+CORE, CORE_LABEL = 0.25, "core"
+"""Weight of the pair of cores, which are found less exactly than tips, and its label."""
 FEWEST, ENOUGH = 3, 4
 """Pairs without which no map can be started, and below which one had better not be."""
 NEAR = 0.1
@@ -354,7 +354,7 @@ def match(
 
 def _given(source: Regions, target: Regions, fixed: VertexPairs | None) -> VertexPairs:
     """The user's pairs; none of them twice."""
-    pairs = (fixed or VertexPairs(np.zeros(0), np.zeros(0))).checked(source.mesh, target.mesh)
+    pairs = (fixed or VertexPairs(np.zeros(0, np.int64), np.zeros(0, np.int64))).checked(source.mesh, target.mesh)
     for side, vertices in (("source", pairs.source), ("target", pairs.target)):
         values, counts = np.unique(vertices, return_counts=True)
         if np.any(counts > 1):
@@ -427,7 +427,7 @@ def _pairs(problem: _Problem, located: list[tuple[int, int]], surfaces: tuple[Re
         np.concatenate([given.source, source.landmarks[one], [source.core]]),
         np.concatenate([given.target, target.landmarks[other], [place]]),
         np.concatenate([given.weight, np.ones(len(one)), [CORE]]),
-        (*(name or "given" for name in given.labels), *names, "core"),
+        (*(name or "given" for name in given.labels), *names, CORE_LABEL),
     )
 
 

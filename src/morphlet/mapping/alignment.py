@@ -13,6 +13,7 @@ from scipy.spatial import cKDTree
 
 from morphlet import _arrays
 from morphlet.errors import InputError
+from morphlet.mapping.warp import Warp
 from morphlet.numerics.rigid import kabsch
 from morphlet.numerics.unit_sphere import fibonacci, rotation_angles, rotations, rotations_about
 
@@ -64,6 +65,8 @@ class Alignment:
         squared difference of the fields over that of a typical rotation (0 perfect, 1 no better than chance).
     runner_up
         Score of the best rotation that is clearly another one; None if there was no search.
+    warp
+        Moves the points further after the rotation; None if nothing does.
 
     Examples
     --------
@@ -77,6 +80,7 @@ class Alignment:
     method: str
     score: float
     runner_up: float | None = None
+    warp: Warp | None = None
 
     def __post_init__(self) -> None:
         rotation = _arrays.real(self.rotation, "rotation", (3, 3))
@@ -86,8 +90,9 @@ class Alignment:
         object.__setattr__(self, "rotation", rotation)
 
     def __call__(self, points: Float[np.ndarray, "k 3"]) -> Float[np.ndarray, "k 3"]:
-        """The points of the source's sphere, turned onto the target's."""
-        return points @ self.rotation.T
+        """The points of the source's sphere, turned and moved onto the target's."""
+        turned = points @ self.rotation.T
+        return turned if self.warp is None else self.warp(turned)
 
     @property
     def margin(self) -> float | None:

@@ -6,6 +6,7 @@ by one and by projected Newton steps whose line search cannot leave the fold-fre
 signs; if rounding spoiled an attempt, a more cautious one follows (thin limbs and degenerate metrics need it).
 """
 
+from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import Literal, get_args
 
@@ -148,7 +149,7 @@ def embed(mesh: Mesh, virtual: Bool[np.ndarray, "m"], options: SphereOptions, on
     for number, attempt in enumerate(LADDER):
         recorder = Recorder(on_step)
         try:
-            points, reason = _Ascent(unit, virtual, options, attempt, recorder).run()
+            points, reason = Ascent(unit, virtual, options, attempt, recorder).run()
         except (SolveError, ZeroDivisionError) as error:
             failures.append(f"attempt {number}: {error}")
             continue
@@ -170,14 +171,21 @@ def _last_energy(embedding: Embedding) -> float:
     return energies[-1] if energies and np.isfinite(energies[-1]) else np.inf
 
 
-class _Ascent:
-    """One attempt, from the tetrahedron to the full mesh."""
+Put = Callable[..., int]
+"""Puts vertices back into their rings, as `relax.insert` does: the record that failed, or -1."""
 
-    def __init__(self, mesh: Mesh, virtual: Bool[np.ndarray, "m"], options: SphereOptions, attempt: Attempt, recorder: Recorder) -> None:
+
+class Ascent:
+    """One attempt, from the tetrahedron to the full mesh; `late` are vertices that come back first."""
+
+    def __init__(
+        self, mesh: Mesh, virtual: Bool[np.ndarray, "m"], options: SphereOptions, attempt: Attempt, recorder: Recorder,
+        late: Int[np.ndarray, "k"] | None = None,
+    ) -> None:  # fmt: skip
         self.V, self.full = np.array(mesh.vertices), np.array(mesh.faces)
         self.options, self.attempt, self.recorder = options, attempt, recorder
         self.coarse = self.V if attempt.cost == "shape" else np.zeros_like(self.V)
-        self.hierarchy = decimate(mesh, attempt.cost)
+        self.hierarchy = decimate(mesh, attempt.cost, late)
         h = self.hierarchy
         self.records = (h.removed, h.ring_offsets, h.ring_vertices, h.ring_faces)
         self.weights = _face_weights(self.V, self.full, virtual, options)
@@ -191,26 +199,30 @@ class _Ascent:
         """Undo all collapses, relaxing after each batch."""
         reason = "tetrahedron"
         for number, (high, low) in enumerate(self.hierarchy.batches(GROWTH, JUMP), start=1):
-            self._insert(high, low)
-            self.alive[self.hierarchy.removed[low:high]] = True
-            pull_up(high, low, *self.records[:2], self.hierarchy.ring_vertices, self.mass)
-            level, vertices = self._level(last=low == 0)
+            self.insert(high, low, insert)
+            level, vertices = self.level(last=low == 0)
             self.recorder.progress = (len(vertices) / len(self.V)) ** 0.5 * (1.0 if low else 0.9)
-            reason = self._relax(level, last=low == 0, number=number)
+            reason = self.relax(level, last=low == 0, number=number)
             if not np.isfinite(level.S).all():
                 raise SolveError("finite points", "NaN after relaxation", "try the next attempt")
             self.S[vertices] = level.S
         self.recorder.progress = 1.0
         return self.S, reason
 
-    def _insert(self, high: int, low: int) -> None:
+    def insert(self, high: int, low: int, put: Put) -> None:
         """Undo records high - 1 .. low; where a ring's kernel is lost to rounding, relax the mesh so far and go on there."""
+        self._put(high, low, put)
+        self.alive[self.hierarchy.removed[low:high]] = True
+        pull_up(high, low, *self.records[:2], self.hierarchy.ring_vertices, self.mass)
+
+    def _put(self, high: int, low: int, put: Put) -> None:
+        """The vertices alone."""
         rows = self.F[self.F[:, 0] >= 0]
         scale2 = 4 * np.pi / energy.slack_areas(self.coarse, rows).sum()
         n = int(self.alive.sum())
         floor2 = self.attempt.floor * 4 * np.pi / (2 * n)
         for retry in range(self.attempt.retries + 1):
-            failed = insert(high, low, self.records, self.coarse, self.S, self.F, scale2, floor2, self.hierarchy.max_ring)
+            failed = put(high, low, self.records, self.coarse, self.S, self.F, scale2, floor2, self.hierarchy.max_ring)
             if failed < 0:
                 return
             high = failed + 1
@@ -231,7 +243,7 @@ class _Ascent:
             relax_range(everyone, 0, len(vertices), level.S, corner, twin, start, even, even.weight, level.max_valence)
         self.S[vertices] = level.S
 
-    def _level(self, last: bool) -> tuple[Level, Int[np.ndarray, "k"]]:
+    def level(self, last: bool) -> tuple[Level, Int[np.ndarray, "k"]]:
         """The mesh so far, with its metric and weights."""
         vertices, faces = _compact(self.F, len(self.V))
         seen, floor = (self.V, FINE_FLOOR) if last else (self.coarse, self.attempt.floor)
@@ -243,7 +255,7 @@ class _Ascent:
             weight = share[faces].sum(axis=1)
         return Level(self.V[vertices], faces, self.S[vertices], metric._replace(weight=weight), self.options.p), vertices
 
-    def _relax(self, level: Level, last: bool, number: int) -> str:
+    def relax(self, level: Level, last: bool, number: int) -> str:
         """Sweeps, then Newton where it pays."""
         n = len(level.V)
         level.sweep(LAST_SWEEPS if last else SWEEPS, lambda turn, value: self.recorder.note(f"sweep {n}", turn, value))

@@ -141,11 +141,11 @@ def value(
     S: Float[np.ndarray, "n 3"], F: Int[np.ndarray, "m 3"], ref: Reference, form: int, a: float, p: float, majorant: Float[np.ndarray, "m"]
 ) -> float:
     """E of a spherical mesh; `majorant` receives w p f^(p-1), the weights that majorise f^p for p <= 1."""
-    return sum(_by_pieces(_value, len(F), S, F, ref, form, a, p, majorant))
+    return sum(by_pieces(_value, len(F), S, F, ref, form, a, p, majorant))
 
 
-def _by_pieces(kernel: Callable[..., float], m: int, *arguments: object) -> list[float]:
-    """kernel(first, last, ...) over fixed pieces of m faces: one piece of a small mesh, many of a large one."""
+def by_pieces(kernel: Callable[..., float], m: int, *arguments: object) -> list[float]:
+    """kernel(first, last, ...) over fixed pieces of m faces: one piece of a small mesh, many of a large one; results in order."""
     pieces = 1 if m < SERIAL_BELOW else PIECES
     return each(lambda i: kernel(m * i // pieces, m * (i + 1) // pieces, *arguments), pieces)
 
@@ -285,7 +285,7 @@ def derivatives(
 ) -> tuple[Float[np.ndarray, "m 6"], Float[np.ndarray, "m 21"]]:  # fmt: skip
     """Gradient and lower triangle of the Hessian of every face in the tangent frames T, blocks made PSD if `project`."""
     g, H = np.empty((len(F), 6)), np.empty((len(F), 21))
-    _by_pieces(_derivatives, len(F), S, F, T, ref, form, a, weight, project, g, H)
+    by_pieces(_derivatives, len(F), S, F, T, ref, form, a, weight, project, g, H)
     return g, H
 
 
@@ -323,24 +323,42 @@ def _first_fold(c0, c1, c2, c3, limit):  # a lower bound of the first root of c0
     return low
 
 
+@njit(inline="always")
+def _face_step(S, U, i, j, k, limit):  # a step up to `limit` before which det(s_i + t u_i, s_j + t u_j, s_k + t u_k) stays positive
+    ax, ay, az, ux, uy, uz = S[i, 0], S[i, 1], S[i, 2], U[i, 0], U[i, 1], U[i, 2]
+    ex, ey, ez, gx, gy, gz = S[j, 0] - ax, S[j, 1] - ay, S[j, 2] - az, S[k, 0] - ax, S[k, 1] - ay, S[k, 2] - az
+    dx, dy, dz, hx, hy, hz = U[j, 0] - ux, U[j, 1] - uy, U[j, 2] - uz, U[k, 0] - ux, U[k, 1] - uy, U[k, 2] - uz
+    c0 = _cross_dot(ex, ey, ez, gx, gy, gz, ax, ay, az)
+    mixed_a = _cross_dot(ex, ey, ez, hx, hy, hz, ax, ay, az) + _cross_dot(dx, dy, dz, gx, gy, gz, ax, ay, az)
+    mixed_u = _cross_dot(ex, ey, ez, hx, hy, hz, ux, uy, uz) + _cross_dot(dx, dy, dz, gx, gy, gz, ux, uy, uz)
+    c1 = mixed_a + _cross_dot(ex, ey, ez, gx, gy, gz, ux, uy, uz)
+    c2 = _cross_dot(dx, dy, dz, hx, hy, hz, ax, ay, az) + mixed_u
+    c3 = _cross_dot(dx, dy, dz, hx, hy, hz, ux, uy, uz)
+    return _first_fold(c0, c1, c2, c3, limit)
+
+
 @njit(cache=True, nogil=True)
 def _largest_step(first, last, S, U, F, limit):
     least = limit
     for t in range(first, last):
-        i, j, k = F[t, 0], F[t, 1], F[t, 2]
-        ax, ay, az, ux, uy, uz = S[i, 0], S[i, 1], S[i, 2], U[i, 0], U[i, 1], U[i, 2]
-        ex, ey, ez, gx, gy, gz = S[j, 0] - ax, S[j, 1] - ay, S[j, 2] - az, S[k, 0] - ax, S[k, 1] - ay, S[k, 2] - az
-        dx, dy, dz, hx, hy, hz = U[j, 0] - ux, U[j, 1] - uy, U[j, 2] - uz, U[k, 0] - ux, U[k, 1] - uy, U[k, 2] - uz
-        c0 = _cross_dot(ex, ey, ez, gx, gy, gz, ax, ay, az)
-        mixed_a = _cross_dot(ex, ey, ez, hx, hy, hz, ax, ay, az) + _cross_dot(dx, dy, dz, gx, gy, gz, ax, ay, az)
-        mixed_u = _cross_dot(ex, ey, ez, hx, hy, hz, ux, uy, uz) + _cross_dot(dx, dy, dz, gx, gy, gz, ux, uy, uz)
-        c1 = mixed_a + _cross_dot(ex, ey, ez, gx, gy, gz, ux, uy, uz)
-        c2 = _cross_dot(dx, dy, dz, hx, hy, hz, ax, ay, az) + mixed_u
-        c3 = _cross_dot(dx, dy, dz, hx, hy, hz, ux, uy, uz)
-        least = min(least, _first_fold(c0, c1, c2, c3, least))
+        least = min(least, _face_step(S, U, F[t, 0], F[t, 1], F[t, 2], least))
     return least
 
 
 def largest_step(S: Float[np.ndarray, "n 3"], U: Float[np.ndarray, "n 3"], F: Int[np.ndarray, "m 3"], limit: float) -> float:
     """A step up to `limit` along U before which no det(a + t u, b + t v, c + t w) reaches 0."""
-    return min(_by_pieces(_largest_step, len(F), S, U, F, limit))
+    return min(by_pieces(_largest_step, len(F), S, U, F, limit))
+
+
+@njit(cache=True, nogil=True)
+def _face_steps(first, last, S, U, F, limit, out):
+    for t in range(first, last):
+        out[t] = _face_step(S, U, F[t, 0], F[t, 1], F[t, 2], limit)
+    return 0.0
+
+
+def face_steps(S: Float[np.ndarray, "n 3"], U: Float[np.ndarray, "n 3"], F: Int[np.ndarray, "m 3"], limit: float) -> Float[np.ndarray, "m"]:
+    """For each face, a step up to `limit` along U before which it does not fold."""
+    out = np.empty(len(F))
+    by_pieces(_face_steps, len(F), S, U, F, limit, out)
+    return out

@@ -129,9 +129,12 @@ class Level:
         """Gradient and Hessian values in the tangent frames of x."""
         self.frames = np.empty((len(x), 2, 3))
         energy.frames(x, self.frames)
-        g, H = energy.derivatives(x, self.F, self.reference, self.form, self.shape, self.majorant, self.frames, project)
+        return self.assembled(*energy.derivatives(x, self.F, self.reference, self.form, self.shape, self.majorant, self.frames, project))
+
+    def assembled(self, g: Float[np.ndarray, "m 6"], H: Float[np.ndarray, "m 21"]) -> tuple[np.ndarray, np.ndarray]:
+        """Gradient and Hessian values from those of the faces."""
         unknowns = 2 * self.F[:, [0, 0, 1, 1, 2, 2]] + np.array([0, 1, 0, 1, 0, 1])
-        gradient = np.bincount(unknowns.ravel(), g.ravel(), 2 * len(x))
+        gradient = np.bincount(unknowns.ravel(), g.ravel(), 2 * len(self.V))
         return gradient, np.bincount(self.scatter.ravel(), H.ravel(), self._columns[1][-1])
 
     def direction(self, x: Float[np.ndarray, "n 3"], step: Float[np.ndarray, "d"]) -> Float[np.ndarray, "n 3"]:

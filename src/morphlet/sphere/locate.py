@@ -160,18 +160,32 @@ def _walk(points, corner, twin, face, limit, seed, x, y, z):  # face that holds 
     return -1
 
 
+@njit(inline="always")
+def _weights(points, corner, f, x, y, z):  # gnomonic weights of (x, y, z) in face f, and their sum: all >= 0 inside
+    i, j, k = corner[3 * f], corner[3 * f + 1], corner[3 * f + 2]
+    u, v, w = _side(points, j, k, x, y, z), _side(points, k, i, x, y, z), _side(points, i, j, x, y, z)
+    return u, v, w, u + v + w
+
+
+@njit(cache=True)
+def pierced(points, corner, twin, face, limit, seed, x, y, z):  # face that holds (x, y, z), walking from `face`, and weights; -1 if lost
+    u, v, w, total = _weights(points, corner, face, x, y, z)
+    p = corner[3 * face]
+    if u < 0 or v < 0 or w < 0 or not total > 0 or x * points[p, 0] + y * points[p, 1] + z * points[p, 2] <= 0:
+        face = _walk(points, corner, twin, face, limit, seed, x, y, z)
+        if face < 0:
+            return -1, 0.0, 0.0, 0.0
+        u, v, w, _ = _weights(points, corner, face, x, y, z)
+        u, v, w = max(u, 0.0), max(v, 0.0), max(w, 0.0)
+        total = u + v + w
+        if not total > 0:
+            return -1, 0.0, 0.0, 0.0
+    return face, u / total, v / total, w / total
+
+
 @njit(cache=True, nogil=True)
 def _walk_range(points, corner, twin, grid, cells, limit, first, last, directions, face, weights):
     for q in range(first, last):
         x, y, z = directions[q, 0], directions[q, 1], directions[q, 2]
-        f = _walk(points, corner, twin, grid[_cell(x, y, z, cells)], limit, q, x, y, z)
-        face[q] = f
-        total = 0.0
-        for e in range(3):
-            w = _side(points, corner[3 * f + (e + 1) % 3], corner[3 * f + (e + 2) % 3], x, y, z) if f >= 0 else 0.0
-            weights[q, e] = max(w, 0.0)
-            total += weights[q, e]
-        for e in range(3):
-            weights[q, e] = weights[q, e] / total if total > 0 else 0.0
-        if not total > 0:
-            face[q] = -1
+        start = grid[_cell(x, y, z, cells)]
+        face[q], weights[q, 0], weights[q, 1], weights[q, 2] = pierced(points, corner, twin, start, limit, q, x, y, z)

@@ -35,6 +35,8 @@ VALENCE_WEIGHT = 2.5e-3
 VALENCE_LIMIT = 10
 FLIP_COSINE = 0.1
 """A new triangle whose normal turns by more than acos(0.1) from the old one counts as flipped."""
+LATE = 1e3
+"""Added to the cost of vertices that shall stay longest: on a mesh of size 1 those of others are below 1, or absurd."""
 
 
 class Star(NamedTuple):
@@ -99,7 +101,7 @@ class Hierarchy:
             n, high = n + high - low, low
 
 
-def decimate(mesh: Mesh, cost: CollapseCost = "shape") -> Hierarchy:
+def decimate(mesh: Mesh, cost: CollapseCost = "shape", late: Int[np.ndarray, "k"] | None = None) -> Hierarchy:
     """Collapse a closed genus-0 mesh to a tetrahedron.
 
     Parameters
@@ -108,6 +110,8 @@ def decimate(mesh: Mesh, cost: CollapseCost = "shape") -> Hierarchy:
         Closed, manifold, oriented, connected, genus 0 (see `requirements`).
     cost
         "shape": quadric error plus penalties on triangle shape, valence and flips; "valence": connectivity alone.
+    late
+        Vertices that shall stay while others can go, on a mesh scaled to about size 1.
 
     Raises
     ------
@@ -120,8 +124,10 @@ def decimate(mesh: Mesh, cost: CollapseCost = "shape") -> Hierarchy:
     """
     positions = np.array(mesh.vertices)
     star = _star(mesh)
-    quadrics = _vertex_quadrics(positions, star.corner)
-    removed, offsets, vertices, faces, dead = _collapse_all(positions, star, quadrics, cost == "valence")
+    quadrics, extra = _vertex_quadrics(positions, star.corner), np.zeros(mesh.n_vertices)
+    if late is not None:
+        extra[late] = LATE
+    removed, offsets, vertices, faces, dead = _collapse_all(positions, star, quadrics, extra, cost == "valence")
     left = mesh.n_vertices - len(removed)
     if left != 4:
         found = f"no edge to contract at {left} vertices"
@@ -227,7 +233,7 @@ def _common_neighbours(h, star, mark, stamp):  # neighbours of the head of h tha
 
 @njit(cache=True)
 def _best_collapse(u, star, V, Q, work, combinatorial, cap):  # (cost, half-edge u -> v); cost inf if there is none
-    ring, mark, old, stamp = work
+    ring, mark, old, stamp, extra = work
     best, best_h = np.inf, -1
     if star.valence[u] > cap:
         return best, best_h
@@ -248,7 +254,7 @@ def _best_collapse(u, star, V, Q, work, combinatorial, cap):  # (cost, half-edge
         cost = base if combinatorial else _moved_cost(v, i, k, ring, star, V, old, base, e2 * e2, best)
         if cost < best:
             best, best_h = cost, ring[i]
-    return best, best_h
+    return best + extra[u], best_h
 
 
 @njit(cache=True)
@@ -268,9 +274,9 @@ def _remove(u, k, ring, star):  # collapse u onto the head of ring[0]; the two f
 
 
 @njit(cache=True)
-def _collapse_all(V, star, Q, combinatorial):
+def _collapse_all(V, star, Q, extra, combinatorial):
     n = V.shape[0]
-    work = (np.empty(n + 8, np.int64), np.zeros(n, np.int64), np.empty((n + 8, 4)), np.zeros(1, np.int64))
+    work = (np.empty(n + 8, np.int64), np.zeros(n, np.int64), np.empty((n + 8, 4)), np.zeros(1, np.int64), extra)
     ring, around = work[0], np.empty(n + 8, np.int64)
     version, alive = np.zeros(n, np.int64), np.ones(n, np.bool_)
     stale, waiting = np.zeros(n, np.bool_), np.zeros(n, np.bool_)  # cost to be renewed; in the heap

@@ -9,7 +9,7 @@ the exponent -1/2. Networks also fit an affine part, so alpha is taken after tha
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any, Literal, Protocol, get_args
+from typing import Any, Literal, Protocol, get_args, runtime_checkable
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
@@ -216,6 +216,7 @@ def _seen(psi: Mother, z: Float[np.ndarray, "n c"]) -> Bool[np.ndarray, "c"]:
     return enough & ((psi(z) ** 2).sum(axis=0) >= LEAST_NORM**2 * whole)
 
 
+@runtime_checkable
 class Wavelets(Protocol):
     """Anything that holds wavelets: candidates, or those of a network."""
 

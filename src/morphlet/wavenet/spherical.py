@@ -431,7 +431,7 @@ def _slopes(wavelets: SphericalWavelets, points: Float[np.ndarray, "n 3"], coord
     return _gathered(parts, (len(points), len(wavelets.dilations)))
 
 
-def _gathered(parts: list[tuple[Float[np.ndarray, "q"], Pairs]], shape: tuple[int, int]) -> sp.csr_matrix:
+def _gathered(parts: list[tuple[Float[np.ndarray, "_"], Pairs]], shape: tuple[int, int]) -> sp.csr_matrix:
     """Values of pairs as one sparse matrix, points by wavelets."""
     if not parts:
         return sp.csr_matrix(shape)
