@@ -17,10 +17,17 @@ from morphlet.console import Common, Run, execute, plain, refuse
 from morphlet.errors import InputError, MeshError, SolveError
 
 if TYPE_CHECKING:
+    import numpy as np
+
+    from morphlet.features.matching import Matching
+    from morphlet.features.regions import RegionOptions, Regions
+    from morphlet.io.attributes import Attribute
+    from morphlet.mapping.correspondence import Correspondence
     from morphlet.pipeline import CorrespondResult
     from morphlet.sphere.embed import SphereOptions
     from morphlet.sphere.map import SphericalMap
     from morphlet.surface.mesh import Mesh
+    from morphlet.surface.pairs import VertexPairs
     from morphlet.surface.repair import Repaired
     from morphlet.wavenet.mothers import Mother
 
@@ -32,6 +39,7 @@ if TYPE_CHECKING:
         int,
         Literal["none", "final", "interleaved"],
     ]
+    Ends = tuple[Repaired, Repaired]
     Approximator = Callable[[SphericalMap, bool], tuple[Any, dict[str, Any]]]
 
 Which = Literal["all", "largest"]
@@ -42,6 +50,8 @@ Pairs = Annotated[Path | None, Parameter(help="CSV of vertices that belong toget
 DEFAULTS = Common()
 MESHES = (".ply", ".obj", ".off", ".stl", ".glb")
 """Endings of mesh files that can be written."""
+COLORED = (".ply", ".obj", ".glb")
+"""Endings of mesh files that hold colours and texture coordinates."""
 DEMO_FRAMES = 24
 RESULT = "result.json"
 NEXT_MOTHER = re.compile(r",(?![^(]*\))")
@@ -355,6 +365,105 @@ def reconstruct(ic: Path, /, *, output: Output, common: Common = DEFAULTS) -> in
 
 
 @app.command
+def regions(
+    mesh: Path,
+    /,
+    *,
+    output: Annotated[Path | None, Parameter(name=["--output", "-o"])] = None,
+    never: float | None = None,
+    always: float | None = None,
+    most: int | None = None,
+    component: Kept = "all",
+    cut_handles: Cuts = 0,
+    common: Common = DEFAULTS,
+) -> int:
+    """Find the feature regions of a mesh: its limbs, each grown from its tip.
+
+    Lengths are told over the square root of the area of the closed surface, areas as shares of it.
+
+    Parameters
+    ----------
+    mesh
+        One piece of genus 0; holes are filled for the search only.
+    output
+        .npz file: labels (the region of each vertex, -1 outside), nodes and edges of their graph.
+    never
+        Persistence below which no peak is a tip; 0.025 if left out.
+    always
+        Persistence above which each peak is a tip; 0.16 if left out. In between the widest gap decides.
+    most
+        How many tips are kept, the most persistent ones; 10 if left out.
+    """
+
+    def work(run: Run) -> dict[str, Any]:
+        if output is not None:
+            run.file(output, ".npz")
+        options = _region_options(never, always, most)
+        surface = _closed(run, mesh, (component, cut_handles))
+        found = _regions(run, surface, mesh, options)
+        if output is not None:
+            _save_regions(run.place(output), found, surface)
+        if common.picture is not None:
+            with run.uncounted():
+                from morphlet.report.features import regions_picture
+
+            regions_picture(found).save(run.place(common.picture))
+        return _limbs(found, surface) | {"repairs": _repairs(surface)}
+
+    return execute("regions", [mesh], common, work)
+
+
+@app.command
+def match(
+    a: Path,
+    b: Path,
+    /,
+    *,
+    output: Output,
+    pairs: Pairs = None,
+    component: Kept = "all",
+    cut_handles: Cuts = 0,
+    common: Common = DEFAULTS,
+) -> int:
+    """Pair the feature regions of A with those of B, and say how far that can be trusted.
+
+    Pairs that are given stay, and decide about the tips near them.
+
+    Parameters
+    ----------
+    a
+        Source mesh.
+    b
+        Target mesh.
+    output
+        CSV file for correspond and morph: the given pairs, tips and details of paired regions, and the core.
+    """
+
+    def work(run: Run) -> dict[str, Any]:
+        run.file(output, ".csv")
+        with run.uncounted():
+            from morphlet.features.matching import match as pair
+            from morphlet.io.pairs import write_pairs
+
+        ends = _closed(run, a, (component, cut_handles)), _closed(run, b, (component, cut_handles))
+        given = _given(pairs, ends)
+        found_a, found_b = (_regions(run, end, path) for end, path in zip(ends, (a, b), strict=True))
+        run.stage("matching")
+        found = pair(found_a, found_b, _inside(given, ends))
+        for warning in found.warnings:
+            run.say(f"{'AMBIGUOUS' if found.ambiguous else 'note'}: {warning}")
+        write_pairs(run.place(output), _outside(found, given, ends))
+        if common.picture is not None:
+            with run.uncounted():
+                from morphlet.report.features import matching_picture
+
+            matching_picture(found_a, found_b, found).save(run.place(common.picture))
+        return _trust(found) | {"repairs": {"source": _repairs(ends[0]), "target": _repairs(ends[1])}}
+
+    return execute("match", _inputs(a, b, pairs), common, work)
+
+
+@app.command
 def correspond(
     a: Path,
     b: Path,
@@ -409,7 +518,7 @@ def morph(
 ) -> int:
     """Morph A into B: frames, a contact sheet, a report.
 
-    Without pairs the spheres are turned onto each other by a search.
+    Without pairs, feature regions are found on both and matched.
 
     Parameters
     ----------
@@ -435,6 +544,60 @@ def morph(
         return _tell(run, matched, frames, (output, run.place(output)), (a, format))
 
     return execute("morph", _inputs(a, b, pairs), common, work)
+
+
+@app.command
+def carry(
+    a: Path,
+    b: Path,
+    map: Path,
+    /,
+    *,
+    attribute: Annotated[tuple[str, ...], Parameter(consume_multiple=True, negative=())],
+    output: Output,
+    common: Common = DEFAULTS,
+) -> int:
+    """Carry colours, texture coordinates, labels or weights of B onto A, through a map that correspond wrote.
+
+    Real numbers are interpolated; labels (whole numbers, truth values, texts) come from the nearest corner.
+
+    Each vertex of A gets the coordinates of the side of a texture's seam it falls on: triangles across a seam are smeared.
+
+    Parameters
+    ----------
+    a
+        The mesh that receives: the source of the map.
+    b
+        The mesh that gives: the target of the map.
+    map
+        .npz file that correspond wrote for A and B.
+    attribute
+        color, uv, or a file with a row per vertex of B: .npy, .npz or .csv (FILE:NAME takes one of its arrays or columns). One or more.
+    output
+        .ply, .obj or .glb: A with colours and texture coordinates, its own where none are carried; .npz or .csv: a row per vertex of A.
+    """
+
+    def work(run: Run) -> dict[str, Any]:
+        with run.uncounted():
+            import numpy as np
+
+            from morphlet.io.formats import read
+            from morphlet.mapping.correspondence import Correspondence
+
+        run.file(output, *COLORED, ".npz", ".csv")
+        _require_carriable(attribute, output)
+        source, target = read(a), read(b)
+        found = Correspondence.load(map, source, target)
+        chosen = _attributes(attribute, b, target)
+        carried = {one.name: one.at(found.points) for one in chosen}
+        if "color" in attribute:
+            carried["color"] = np.clip(np.round(carried["color"]), 0, 255).astype(np.uint8)
+        _write_carried(run.place(output), a, found, carried)
+        _draw_carried(run, (target, source), chosen[0], carried[chosen[0].name])
+        told = [{"name": one.name, "kind": one.kind, "rows": len(carried[one.name]), "columns": one.columns} for one in chosen]
+        return {"attributes": told, "unanswered": int(np.sum(~np.asarray(found.valid)))}
+
+    return execute("carry", [a, b, map, *_files(attribute)], common, work)
 
 
 @app.command
@@ -556,7 +719,7 @@ def demo(*, output: Output = Path("morphlet-demo"), vertices: int | None = None,
         run.stage("creatures")
         a, b, pairs = write_inputs(meshes, creatures.DEFAULT_VERTICES if vertices is None else vertices)
         matched = _matched(run, (a, b), pairs, ("all", 0))
-        run.say(f"mean distance to the known true places: {true_error(matched):.1f} % of sqrt(area), by a rotation alone")
+        run.say(f"mean distance to the known true places: {true_error(matched):.1f} % of sqrt(area)")
         found = _tell(run, matched, DEMO_FRAMES, (output / "morph", morphed), (a, "ply"))
         run.say(f"\nLook at  {output / 'morph' / 'contact-sheet.png'}\nand open {output / 'morph' / 'report.html'}")
         return found
@@ -588,7 +751,7 @@ def _warm(run: Run) -> None:
         from morphlet.warm import compile_kernels, compiled
 
         if not compiled():
-            run.say("compiling the kernels: once, about 20 s; later runs start at once")
+            run.say("compiling the kernels: once, about half a minute; later runs start at once")
             run.stage("compiling kernels")
             compile_kernels()
 
@@ -628,7 +791,7 @@ def _mapped(run: Run, surface: "Repaired", name: str, options: "SphereOptions | 
 
 
 def _matched(run: Run, ends: tuple[Path, Path], pairs: Path | None, mending: tuple[Which, int]) -> "CorrespondResult":
-    """Read, map, align, compose."""
+    """Read, map, match, align, lay one into the other's sphere."""
     with run.uncounted():
         from morphlet.io.pairs import read_pairs
         from morphlet.pipeline import correspond_maps
@@ -636,13 +799,212 @@ def _matched(run: Run, ends: tuple[Path, Path], pairs: Path | None, mending: tup
     source, target = _closed(run, ends[0], mending), _closed(run, ends[1], mending)
     given = None if pairs is None else read_pairs(pairs).checked(source.source, target.source)
     if given is not None and not len(given):
-        raise InputError(f"pairs in {pairs}", "a header without any", "add pairs, or leave --pairs out to have the rotation searched for")
+        raise InputError(f"pairs in {pairs}", "a header without any", "add pairs, or leave --pairs out to have regions matched")
     maps = _mapped(run, source, ends[0].name), _mapped(run, target, ends[1].name)
-    run.stage("alignment")
-    matched = correspond_maps(*maps, given)
-    how = f"rotation from {len(given)} pairs" if given else "rotation found by a search (no pairs were given)"
-    run.say(f"alignment: {how}" + ("; AMBIGUOUS: another rotation fits nearly as well, give pairs" if matched.alignment.ambiguous else ""))
+    run.stage("regions, alignment, dense map")
+    matched = correspond_maps(*maps, given, run.on_step)
+    kept = 0 if given is None else len(given)
+    told = f"{kept} given, {len(matched.pairs) - kept} from matched regions"
+    run.say(f"pairs: {told}" if len(matched.pairs) else "no pairs: the spheres were turned by a search")
+    for warning in matched.warnings:
+        run.say(f"{'AMBIGUOUS' if matched.ambiguous else 'note'}: {warning}")
     return matched
+
+
+def _region_options(never: float | None, always: float | None, most: int | None) -> "RegionOptions":
+    """What is left out stays at its default."""
+    from morphlet.features.regions import RegionOptions
+
+    plain_rule = RegionOptions()
+    least, sure = plain_rule.never if never is None else never, plain_rule.always if always is None else always
+    return RegionOptions(least, sure, plain_rule.most if most is None else most)
+
+
+def _regions(run: Run, surface: "Repaired", path: Path, options: "RegionOptions | None" = None) -> "Regions":
+    """The feature regions of a closed surface; errors name the file."""
+    with run.uncounted():
+        from morphlet.features.regions import find_regions
+
+    _warm(run)
+    run.stage(f"regions of {path.name}")
+    try:
+        return find_regions(surface.mesh, options)
+    except MeshError as error:
+        raise MeshError(f"{error.needed} in {path}", error.found, error.advice) from error
+
+
+def _limbs(found: "Regions", surface: "Repaired") -> dict[str, Any]:
+    """What `regions` tells, in vertices of the file."""
+    import numpy as np
+
+    back, k = surface.source_vertices, len(found)
+    counts = np.bincount(found.nodes[surface.vertex_map][surface.valid], minlength=k)[:k]
+    rows = zip(back[found.tips], found.persistence, found.areas, counts, strict=True)
+    return {
+        "regions": [{"tip": tip, "persistence": stands, "area": area, "vertices": count} for tip, stands, area, count in rows],
+        "core": back[found.core],
+        "gap": found.gap,
+        "core_node": found.core_node,
+        "edges": found.edges,
+        "details": back[found.landmarks[k:]],
+        "persistence": found.peaks.persistence[: len(found.landmarks)],
+    }
+
+
+def _save_regions(path: Path, found: "Regions", surface: "Repaired") -> None:
+    """A label per vertex of the file, and the graph of the regions."""
+    import numpy as np
+
+    from morphlet import _store
+
+    nodes, back = found.nodes[surface.vertex_map], surface.source_vertices
+    arrays = {
+        "labels": np.where(nodes < len(found), nodes, -1), "nodes": nodes, "edges": found.edges, "tips": back[found.tips],
+        "persistence": found.persistence, "areas": found.areas, "core": back[found.core],
+        "valid": surface.valid, "fingerprint": np.array(surface.source.fingerprint),
+    }  # fmt: skip
+    _store.save(path, "regions", 1, arrays)
+
+
+def _given(pairs: Path | None, ends: "Ends") -> "VertexPairs | None":
+    """The pairs of a file, once it is certain that they name vertices of both files, each place once."""
+    import numpy as np
+
+    from morphlet.io.pairs import read_pairs
+
+    if pairs is None:
+        return None
+    given = read_pairs(pairs).checked(ends[0].source, ends[1].source)
+    if not len(given):
+        raise InputError(f"pairs in {pairs}", "a header without any", "add pairs, or leave --pairs out")
+    for name, surface, vertices in zip(("source", "target"), ends, (given.source, given.target), strict=True):
+        _, place, counts = np.unique(surface.vertex_map[vertices], return_inverse=True, return_counts=True)
+        again = vertices[counts[place] > 1]
+        if len(again):
+            found = f"{len(again)} pairs at {name} vertices, or joined ones, of others"
+            raise InputError(f"pairs in {pairs} that name each place once", found, "keep one pair of each", again)
+    return given
+
+
+def _inside(given: "VertexPairs | None", ends: "Ends") -> "VertexPairs | None":
+    """Pairs of the files' vertices as pairs of the closed surfaces'."""
+    from morphlet.surface.pairs import VertexPairs
+
+    if given is None:
+        return None
+    return VertexPairs(ends[0].vertex_map[given.source], ends[1].vertex_map[given.target], given.weight, given.labels)
+
+
+def _outside(found: "Matching", given: "VertexPairs | None", ends: "Ends") -> "VertexPairs":
+    """What was matched as pairs of the files' vertices, those that were given as they were."""
+    import numpy as np
+
+    from morphlet.surface.pairs import VertexPairs
+
+    pairs, kept = found.pairs, 0 if given is None else len(given)
+    source, target = ends[0].source_vertices[pairs.source], ends[1].source_vertices[pairs.target]
+    if given is not None:
+        source, target = np.concatenate([given.source, source[kept:]]), np.concatenate([given.target, target[kept:]])
+    labels = (*pairs.labels[:kept], *(label.replace(" ", "-") for label in pairs.labels[kept:]))
+    return VertexPairs(source, target, pairs.weight, labels)
+
+
+def _trust(found: "Matching") -> dict[str, Any]:
+    """What `match` tells."""
+    names = ("cost", "margin", "ambiguous", "runner_up", "reflected")
+    figures = {"pairs": len(found.pairs)} | {name: getattr(found, name) for name in names}
+    return figures | {"tips": found.n_tips, "regions": found.regions, "warnings": found.warnings}
+
+
+def _files(words: Sequence[str]) -> list[Path | str]:
+    """The files among the attributes that are to be carried."""
+    from morphlet.io.attributes import IN_FILE
+
+    return list(dict.fromkeys(Path(named["path"]) for word in words if (named := IN_FILE.fullmatch(word))))
+
+
+def _require_carriable(words: Sequence[str], output: Path) -> None:
+    """Refuse what cannot be carried, or not into such a file, before anything is read."""
+    from morphlet.io.attributes import OWN, parted
+
+    files = [word for word in words if word not in OWN and parted(word)]
+    if files and output.suffix.lower() in COLORED:
+        raise InputError("an output ending in .npz or .csv for values of files", str(output), "mesh files hold color and uv")
+    if len(set(words)) < len(words):
+        raise InputError("different attributes", ", ".join(words), "name each once")
+
+
+def _attributes(words: Sequence[str], path: Path, mesh: "Mesh") -> "list[Attribute]":
+    """What is to be carried: of the mesh file, or of files beside it; each under a name of its own."""
+    from morphlet.io.attributes import OWN, Attribute, listed, read_columns, read_own
+
+    own, chosen = read_own(path, mesh), list[Attribute]()
+    for word in words:
+        if word in OWN and word not in own:
+            raise InputError(
+                f"attributes that {path} has ({listed(own)})", f"'{word}'", "name one of these, or a file with a row per vertex"
+            )
+        chosen += [own[word]] if word in OWN else read_columns(word, mesh)
+    names = [one.name for one in chosen]
+    twice = [name for name in names if names.count(name) > 1]
+    if twice:
+        raise InputError("attributes with different names", f"'{twice[0]}' twice", "take one, as in FILE:NAME, or rename it")
+    return chosen
+
+
+def _write_carried(path: Path, a: Path, found: "Correspondence", carried: "dict[str, np.ndarray]") -> None:
+    """A with what was carried, or a row per vertex of A."""
+    import numpy as np
+
+    from morphlet.io.attributes import save_arrays, write_table
+    from morphlet.io.content import Attributes
+    from morphlet.io.formats import format_by_ending, put, read_attributes
+
+    if path.suffix.lower() in COLORED:
+        own = read_attributes(a)
+        both = Attributes(carried.get("color", own.colors), carried.get("uv", own.uv))
+        put(path, format_by_ending(path).render(found.source, both))
+    elif path.suffix.lower() == ".csv":
+        write_table(path, carried)
+    else:
+        save_arrays(path, found.source, carried, np.asarray(found.valid))
+
+
+def _draw_carried(run: Run, ends: "tuple[Mesh, Mesh]", attribute: "Attribute", carried: "np.ndarray") -> None:
+    """The picture of B and A in the colours of an attribute, if one was asked for."""
+    if run.common.picture is None:
+        return
+    with run.uncounted():
+        from dataclasses import replace
+
+        import numpy as np
+
+        from morphlet.report.render import render
+
+    row = np.zeros(ends[0].n_vertices, np.int64)
+    row[ends[0].faces] = attribute.rows
+    shades = _shades(attribute.name, np.concatenate([attribute.values[row], carried]))
+    parts = np.split(shades, [len(row)])
+    left, right = (render(mesh, colors=colors) for mesh, colors in zip(ends, parts, strict=True))
+    replace(left, pixels=np.hstack([left.pixels, right.pixels])).save(run.place(run.common.picture))
+
+
+def _shades(name: str, values: "np.ndarray") -> "np.ndarray":
+    """A colour per row: itself, one per label, along a scale, or red and green along two columns, and blue along a third."""
+    import numpy as np
+
+    from morphlet.io.content import COLOR_MAX
+    from morphlet.report.color import ColorScale, place_colors
+    from morphlet.report.features import HUES
+
+    table = values.reshape(len(values), -1)
+    if name == "color":
+        return values / COLOR_MAX
+    if values.dtype.kind != "f":
+        return np.array(HUES)[np.unique(table, axis=0, return_inverse=True)[1].ravel() % len(HUES)]
+    if table.shape[1] == 1:
+        return ColorScale.of(table[:, 0])(table[:, 0])
+    return place_colors(np.pad(table, ((0, 0), (0, 3)))[:, :3])
 
 
 def _over_rows(wavelets: int | None, error: str | None, mothers: str | None, rows: "RowChoices") -> "Approximator":
@@ -721,7 +1083,8 @@ def _require_met(worst: float, error: float, wavelets: int) -> None:
 def _found(matched: "CorrespondResult") -> dict[str, Any]:
     """What `correspond` tells."""
     repairs = {"source": _repairs(matched.source_map.surface), "target": _repairs(matched.target_map.surface)}
-    return matched.figures() | {"alignment": matched.alignment.method, "repairs": repairs}
+    how = {"alignment": matched.alignment.method, "warnings": list(matched.warnings), "repairs": repairs}
+    return matched.figures() | how
 
 
 def _tell(run: Run, matched: "CorrespondResult", frames: int, folder: tuple[Path, Path], template: tuple[Path, str]) -> dict[str, Any]:

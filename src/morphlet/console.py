@@ -222,7 +222,8 @@ def _line(value: Any) -> str:
     if isinstance(value, list):
         return ", ".join(_line(v) for v in value) or "-"
     if isinstance(value, dict):
-        return f"{value['what']} ({value['count']})" if value.keys() == {"what", "count"} else str(value)
+        named = " ".join(f"{key} {_line(v)}" for key, v in value.items())
+        return f"{value['what']} ({value['count']})" if value.keys() == {"what", "count"} else named
     if isinstance(value, bool):
         return "yes" if value else "no"
     return "-" if value is None else str(value)

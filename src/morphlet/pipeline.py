@@ -215,7 +215,7 @@ def correspond_maps(
     >>> result.figures()["pairs"], round(result.figures()["pairs_rmse"], 3)
     (3, 0.0)
     """
-    given = NO_PAIRS if pairs is None else pairs.checked(source_map.mesh, target_map.mesh)
+    given = NO_PAIRS if pairs is None else _different(pairs.checked(source_map.mesh, target_map.mesh))
     matching, told = (None, ()) if len(given) >= FEWEST else matched_regions(source_map, target_map, given)
     used = given if matching is None else _as_given(_landmarks(matching), source_map.surface, target_map.surface)
     alignment = aligned(source_map, target_map, used)
@@ -264,29 +264,6 @@ def aligned(source_map: SphericalMap, target_map: SphericalMap, pairs: VertexPai
         return align_by_search(_samples(source_map), _samples(target_map))
     turned = align_by_pairs(points, goals, pairs.weight)
     return replace(turned, warp=warp_by_pairs(turned(points), goals, n_wavelets, pairs.weight))
-
-
-def _landmarks(matching: Matching) -> VertexPairs:
-    """Its pairs but the core, which is found a tenth of sqrt(area) off at worst: too coarse to be pulled to."""
-    pairs = matching.pairs
-    kept = np.array([k for k, label in enumerate(pairs.labels) if label != CORE_LABEL], np.int64)
-    return VertexPairs(pairs.source[kept], pairs.target[kept], np.array(pairs.weight)[kept], tuple(pairs.labels[k] for k in kept))
-
-
-def _as_given(pairs: VertexPairs, source: Repaired, target: Repaired) -> VertexPairs:
-    """Pairs of the closed surfaces as pairs of the meshes as given; those on filled holes are left out."""
-    numbers = [_given_vertex(surface) for surface in (source, target)]
-    ends = numbers[0][pairs.source], numbers[1][pairs.target]
-    kept = np.nonzero((ends[0] >= 0) & (ends[1] >= 0))[0]
-    return VertexPairs(ends[0][kept], ends[1][kept], np.array(pairs.weight)[kept], tuple(pairs.labels[k] for k in kept))
-
-
-def _given_vertex(surface: Repaired) -> Int[np.ndarray, "N"]:
-    """A vertex as given for each of the closed surface; -1 where there is none."""
-    number = np.full(surface.mesh.n_vertices, -1)
-    own = np.nonzero(surface.valid)[0][::-1]
-    number[surface.vertex_map[own]] = own
-    return number
 
 
 def morph(source: Mesh, target: Mesh, pairs: VertexPairs | None = None, frames: int = 24, on_step: OnStep | None = None) -> MorphResult:
@@ -345,6 +322,28 @@ def morph_along(matched: CorrespondResult, frames: int = 24) -> MorphResult:
     """
     path = Morph(matched.correspondence.source, matched.correspondence.positions)
     return MorphResult(matched, path, path.frames(frames))
+
+
+def _different(pairs: VertexPairs) -> VertexPairs:
+    """The pairs without repeats."""
+    first = np.sort(np.unique(np.stack([pairs.source, pairs.target], axis=1), axis=0, return_index=True)[1])
+    return _chosen(pairs, first)
+
+
+def _chosen(pairs: VertexPairs, kept: Int[np.ndarray, "k"]) -> VertexPairs:
+    """Some of the pairs."""
+    return VertexPairs(pairs.source[kept], pairs.target[kept], np.array(pairs.weight)[kept], tuple(pairs.labels[k] for k in kept))
+
+
+def _landmarks(matching: Matching) -> VertexPairs:
+    """Its pairs but the core, which is found a tenth of sqrt(area) off at worst: too coarse to be pulled to."""
+    labels = matching.pairs.labels
+    return _chosen(matching.pairs, np.array([k for k, label in enumerate(labels) if label != CORE_LABEL], np.int64))
+
+
+def _as_given(pairs: VertexPairs, source: Repaired, target: Repaired) -> VertexPairs:
+    """Pairs of the closed surfaces as pairs of the meshes as given."""
+    return VertexPairs(source.source_vertices[pairs.source], target.source_vertices[pairs.target], pairs.weight, pairs.labels)
 
 
 def _samples(spherical: SphericalMap) -> SphereSamples:

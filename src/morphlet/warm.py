@@ -16,6 +16,7 @@ from morphlet.numerics.linalg import factorize
 from morphlet.numerics.unit_sphere import icosphere
 from morphlet.pipeline import morph
 from morphlet.sphere.locate import Locator
+from morphlet.surface.distance import distances
 from morphlet.surface.mesh import Mesh
 from morphlet.surface.operators import laplacian, mass
 from morphlet.surface.pairs import VertexPairs
@@ -58,10 +59,11 @@ def compile_kernels() -> None:
 
 
 def compile_solves() -> None:
-    """The share of the second process: wavelet networks, linear solves and point location."""
+    """The share of the second process: wavelet networks, distances, linear solves and point location."""
     points, faces = icosphere(LEVEL)
     ball = Mesh(points, faces)
     x = np.linspace(0, 1, 32)
+    distances(ball, np.zeros(1, np.int64))
     fit_rows(x, x[None, :, None] ** 2, dyadic_library([MOTHERS["beta2"]], x, levels=2), FitOptions(2, refinement="interleaved"))
     fit_rows(x, x[None, :, None] ** 2, dyadic_library([MOTHERS["beta2"]], x, levels=2), FitOptions(2))
     fit_sphere(points, points**2, np.ones(len(points)), spherical_library([MOTHERS["beta2"]], points, np.ones(len(points)), levels=1), 2)

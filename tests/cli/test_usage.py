@@ -11,11 +11,14 @@ from cli.calls import call, finished, start
 from morphlet import __version__
 
 VERBS = (
-    *("approximate", "compare", "correspond", "demo", "fetch", "image", "info", "morph"),
-    *("reconstruct", "repair", "sample", "sphere", "warmup"),
+    *("approximate", "carry", "compare", "correspond", "demo", "fetch", "image", "info", "match", "morph"),
+    *("reconstruct", "regions", "repair", "sample", "sphere", "warmup"),
 )
 COMMON = ("--json", "--quiet", "--force", "--seed", "--picture", "--threads")
-OUTPUTS = {"approximate", "reconstruct", "correspond", "demo", "fetch", "image", "morph", "repair", "sample", "sphere"}
+OUTPUTS = {
+    *("approximate", "carry", "correspond", "demo", "fetch", "image", "match", "morph"),
+    *("reconstruct", "regions", "repair", "sample", "sphere"),
+}
 
 
 def test_help_lists_every_verb(capsys):

@@ -14,6 +14,7 @@ The steps, in this order; each does nothing where nothing is wrong, so that a cl
 
 from collections.abc import Callable
 from dataclasses import dataclass, fields, replace
+from functools import cached_property
 from typing import Literal, get_args
 
 import numpy as np
@@ -148,6 +149,16 @@ class Repaired:
     def n_real_vertices(self) -> int:
         """Number of vertices of `mesh` that stem from the source; the virtual ones of filled holes come after."""
         return int(self.mesh.faces[self.face_map >= 0].max(initial=-1)) + 1
+
+    @cached_property
+    def source_vertices(self) -> Int[np.ndarray, "N"]:
+        """A vertex as given for each of the mended mesh: the first of those that were joined, the nearest for one that fills a hole."""
+        own, back = np.flatnonzero(self.valid)[::-1], np.full(self.mesh.n_vertices, -1)
+        back[self.vertex_map[own]] = own
+        added = back < 0
+        if added.any():
+            back[added] = own[cKDTree(self.source.vertices[own]).query(self.mesh.vertices[added])[1]]
+        return _arrays.freeze(back)
 
     def to_source(self, points: SurfacePoints) -> SurfacePoints:
         """Places on `mesh` as places on `source`, in its face and corner order.
