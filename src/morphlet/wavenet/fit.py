@@ -230,7 +230,7 @@ class _Chosen:
     """The networks of all rows, and the squared error of each after each of its picks."""
 
     table: NetworkTable
-    traces: tuple[Float[np.ndarray, "m1"], ...]
+    traces: tuple[Float[np.ndarray, "_"], ...]
     reasons: tuple[Reason, ...]
 
 
@@ -274,7 +274,7 @@ def _selected(x: Float[np.ndarray, "n"], rows: Float[np.ndarray, "r n k"], libra
     return _Chosen(_table(candidates, different, weights, parts), _traces(picks, errors), reasons)
 
 
-def _traces(picks: Picks, errors: Float[np.ndarray, "r"]) -> tuple[Float[np.ndarray, "m1"], ...]:
+def _traces(picks: Picks, errors: Float[np.ndarray, "r"]) -> tuple[Float[np.ndarray, "_"], ...]:
     """The error of each row after each of its picks: from the last one backwards, so that small errors keep their digits."""
     gains = np.hstack([picks.gains, np.zeros((len(errors), 1))])
     after = errors[:, None] + np.cumsum(gains[:, ::-1], axis=1)[:, ::-1]

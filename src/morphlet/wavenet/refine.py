@@ -118,7 +118,7 @@ class Refined:
 
     table: NetworkTable
     sse: Float[np.ndarray, "r"]
-    traces: tuple[Float[np.ndarray, "m1"], ...]
+    traces: tuple[Float[np.ndarray, "_"], ...]
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "sse", _arrays.real(self.sse, "sse", (len(self.table),)))
