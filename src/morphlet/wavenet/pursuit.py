@@ -75,11 +75,12 @@ def pursue(
     correlations = correlations.reshape(r, k, l)
     limits = np.stack([(rests**2).sum(axis=(1, 2)), np.full(r, enough), ROUNDING * energy], axis=1)
     found = (picks.used, picks.picks, picks.gains, picks.steps, picks.factors)
+    columns = (candidates.design, candidates.gram, np.einsum("nl,nl->l", candidates.design, candidates.design))
 
     def work(piece: int) -> None:
         rows = slice(PIECE * piece, PIECE * (piece + 1))
         part = tuple(values[rows] for values in found)
-        _choose_range(candidates.design, candidates.gram, correlations[rows], RULES.index(method), limits[rows], part)
+        _choose_range(columns, correlations[rows], RULES.index(method), limits[rows], part)
 
     threads.each(work, -(-r // PIECE))
     return picks
@@ -105,14 +106,11 @@ def weigh(
 
 
 @njit(cache=True, error_model="numpy", nogil=True)
-def _choose_range(design, gram, correlations, rule, limits, found):  # type: ignore[no-untyped-def]
-    # every row; limits (r, 3): sum of squares, the one to reach, and rounding. Loops, not slices: they compile ten times as fast.
-    size, rows = design.shape[1], found[1].shape[1]
-    before, scores = np.zeros(size), np.empty(size)  # squared norms, and room
-    for n in range(len(design)):
-        for i in range(size):
-            before[i] += design[n, i] * design[n, i]
-    factor = np.empty((1 if rule == MP else rows, size))
+def _choose_range(candidates, correlations, rule, limits, found):  # type: ignore[no-untyped-def]
+    # every row; candidates: design (n, l), gram, squared norms; limits (r, 3): sum of squares, the one to reach, and rounding. Loops,
+    # not slices: they compile ten times as fast.
+    design, gram, before = candidates
+    factor, scores = np.empty((1 if rule == MP else found[1].shape[1], len(before))), np.empty(len(before))
     for row in range(len(correlations)):
         out = (found[1][row], found[2][row], found[3][row], found[4][row])
         found[0][row] = _choose(design, gram, correlations[row], (rule, limits[row]), (before, factor, scores), out)
@@ -131,8 +129,15 @@ def _choose(design, gram, correlations, rule_limits, work, out):  # type: ignore
     for m in range(len(picks)):
         if sse <= limits[1] or sse <= limits[2]:
             return m
-        best, gain = _best(correlations, norms, before, scores, rule)
-        if best < 0 or gain <= limits[2]:
+        _score(correlations, norms, before, scores, rule)
+        highest = _highest(scores)
+        if highest <= 0:
+            return m
+        best = 0
+        while scores[best] != highest:
+            best += 1
+        gain = highest if rule == OLS else highest / norms[best]
+        if gain <= limits[2]:
             return m
         row, length = factor[0 if rule == MP else m], np.sqrt(norms[best])
         _inner(design, gram, best, row)
@@ -156,21 +161,24 @@ def _choose(design, gram, correlations, rule_limits, work, out):  # type: ignore
 
 
 @njit(cache=True, error_model="numpy", nogil=True)
-def _best(correlations, norms, before, scores, rule):  # type: ignore[no-untyped-def]
-    # the candidate that lowers the error most (OLS) or correlates most, and by how much it lowers the error
-    for i in range(len(norms)):
-        scores[i] = correlations[0, i] * correlations[0, i]
-    for j in range(1, len(correlations)):
+def _score(correlations, norms, before, scores, rule):  # type: ignore[no-untyped-def]
+    # by how much each candidate lowers the error (OLS), or how much it correlates; 0 for what is nearly spanned by the picks
+    last = len(correlations) - 1
+    for j in range(last):
         for i in range(len(norms)):
-            scores[i] += correlations[j, i] * correlations[j, i]
-    if rule == OLS:
-        for i in range(len(norms)):
-            scores[i] /= norms[i]
-    best, highest = -1, 0.0
+            scores[i] = correlations[j, i] * correlations[j, i] + (scores[i] if j else 0.0)
     for i in range(len(norms)):
-        if scores[i] > highest and norms[i] > LEAST_REMAINDER * before[i]:
-            best, highest = i, scores[i]
-    return best, highest if rule == OLS or best < 0 else highest / norms[best]
+        total = correlations[last, i] * correlations[last, i] + (scores[i] if last else 0.0)
+        scores[i] = (total / norms[i] if rule == OLS else total) if norms[i] > LEAST_REMAINDER * before[i] else 0.0
+
+
+@njit(cache=True, error_model="numpy", nogil=True, fastmath={"nnan", "nsz", "reassoc"})
+def _highest(scores):  # type: ignore[no-untyped-def]
+    # the maximum, in any order: it is one of the values all the same
+    highest = 0.0
+    for i in range(len(scores)):
+        highest = scores[i] if scores[i] > highest else highest
+    return highest
 
 
 @njit(cache=True, error_model="numpy", nogil=True)
