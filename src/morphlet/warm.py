@@ -64,7 +64,6 @@ def compile_solves() -> None:
     ball = Mesh(points, faces)
     x = np.linspace(0, 1, 32)
     distances(ball, np.zeros(1, np.int64))
-    fit_rows(x, x[None, :, None] ** 2, dyadic_library([MOTHERS["beta2"]], x, levels=2), FitOptions(2, refinement="interleaved"))
     fit_rows(x, x[None, :, None] ** 2, dyadic_library([MOTHERS["beta2"]], x, levels=2), FitOptions(2))
     fit_sphere(points, points**2, np.ones(len(points)), spherical_library([MOTHERS["beta2"]], points, np.ones(len(points)), levels=1), 2)
     factorize((laplacian(ball) + mass(ball)).tocsc()).solve(np.ones(ball.n_vertices))
