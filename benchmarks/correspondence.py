@@ -1,6 +1,6 @@
 """Correspondences against the truth: geodesic errors, folds and time, the package's methods and others' side by side.
 
-    python benchmarks/correspondence.py [--data DIR] [--pairs 'horse-*,cat-lion'] [--modes auto,6,12] [--peers rotation,fmap]
+    python benchmarks/correspondence.py [--data DIR] [--pairs 'horse-*,cat-lion'] [--modes auto,6] [--peers rotation,fmap]
                                         [--json FILE] [--resume] [--picture FILE.png] [--list]
 
 Of two poses over one connectivity the first is remeshed (`samples.truth`): other vertices, otherwise joined and in another order, each
@@ -291,7 +291,7 @@ def parsed() -> argparse.Namespace:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--data", type=Path, default=os.environ.get("MORPHLET_DATA") or None)
     parser.add_argument("--pairs", default="*", help="names or patterns, separated by commas")
-    parser.add_argument("--modes", default="auto,6,12", help="auto, or numbers of landmarks")
+    parser.add_argument("--modes", default="auto,6", help="auto, or numbers of landmarks")
     parser.add_argument("--peers", default="rotation,correspond,nearest,conformal", help="names or patterns of methods")
     parser.add_argument("--json", type=Path, help="all figures; rewritten after each row")
     parser.add_argument("--resume", action="store_true", help="with --json: keep the rows that are there, run the others")
