@@ -176,3 +176,12 @@ def test_one_pair_of_a_mesh_without_features_is_not_enough_but_answered():
     result = correspond(mesh, mesh, VertexPairs([0], [0]))
     assert result.figures()["folds_sphere"] == 0
     assert result.warnings
+
+
+def test_pairs_of_one_place_do_not_settle_the_rotation_and_that_is_said():
+    result = correspond_maps(radial_map(blob()), radial_map(blob()), VertexPairs([0, 0, 0], [0, 20, 300]))
+    assert result.alignment.method == "search"
+    assert result.figures()["folds_sphere"] == 0
+    assert any("determine no rotation" in told for told in result.warnings)
+    apart = correspond_maps(radial_map(blob()), radial_map(blob()), VertexPairs([0, 20, 300], [0, 20, 300]))
+    assert apart.warnings == ()

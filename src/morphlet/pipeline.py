@@ -40,6 +40,9 @@ Figures = dict[str, float | int | bool | None]
 WAVELETS = 15
 """Of the network that aligns the spheres, as many as in the paper."""
 UNMATCHED = "feature regions could not be matched ({reason}): the spheres were turned by a search alone, give pairs"
+SEARCHED = (
+    "the {count} pairs lie within one line through the sphere's centre and determine no rotation: it was searched for, give pairs apart"
+)
 UNMET = "{count} of {all} pairs could not be brought together: they contradict each other, or left and right are exchanged"
 """What is said of a correspondence that is not to be trusted blindly."""
 NO_PAIRS = VertexPairs(np.zeros(0, np.int64), np.zeros(0, np.int64))
@@ -219,6 +222,8 @@ def correspond_maps(
     matching, told = (None, ()) if len(given) >= FEWEST else matched_regions(source_map, target_map, given)
     used = given if matching is None else _as_given(_landmarks(matching), source_map.surface, target_map.surface)
     alignment = aligned(source_map, target_map, used)
+    if len(used) and alignment.method == "search":
+        told = (*told, SEARCHED.format(count=len(used)))
     laid = embed(source_map.surface, target_map, used, start=alignment(source_map.closed_points), on_step=on_step)
     if len(laid.unmet):
         told = (*told, UNMET.format(count=len(laid.unmet), all=len(used)))
