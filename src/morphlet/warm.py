@@ -1,34 +1,44 @@
 """Compiled kernels: whether they are in the cache yet, and how they get there.
 
-The first call of a numba kernel compiles it and keeps the result on disk. Half of the kernels are compiled by a second process. A
-small marker remembers for which versions that was done, so that a person is told why the first run takes longer.
+The first call of a numba kernel compiles it and keeps the result on disk. A second process compiles its share of them, in the order in
+which the first will ask for them. A small marker remembers for which versions that was done, so that a person is told why the first run
+takes longer.
 """
 
+import gc
 import os
 import subprocess
 import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
 from importlib.metadata import version
 from pathlib import Path
 
 import numpy as np
 
+from morphlet.mapping.chord import Images
+from morphlet.mapping.laying import Target
+from morphlet.mapping.polish import Goals, Polish
 from morphlet.numerics.linalg import factorize
+from morphlet.numerics.optimize import Trace
 from morphlet.numerics.unit_sphere import icosphere
 from morphlet.pipeline import morph
-from morphlet.sphere.locate import Locator
-from morphlet.surface.distance import distances
+from morphlet.sphere.energy import reference
+from morphlet.sphere.level import Level
+from morphlet.sphere.map import SphericalMap
 from morphlet.surface.mesh import Mesh
 from morphlet.surface.operators import laplacian, mass
 from morphlet.surface.pairs import VertexPairs
+from morphlet.surface.repair import close
 from morphlet.wavenet.fit import FitOptions, fit_rows
 from morphlet.wavenet.library import dyadic_library
 from morphlet.wavenet.mothers import MOTHERS
-from morphlet.wavenet.spherical import spherical_library
-from morphlet.wavenet.spherical_fit import fit_sphere
 
-LEVEL = 4
-"""Subdivisions of the icosphere that exercises every kernel (2562 vertices)."""
-SECOND = "from morphlet.warm import compile_solves; compile_solves()"
+LEVEL = 3
+"""Subdivisions of the icosphere that exercises every kernel (642 vertices)."""
+SECOND = "from morphlet.warm import compile_share; compile_share()"
+COLLECT_AFTER = 200_000
+"""New objects between garbage collections while compiling: at the usual 700 they take a ninth of the time, to save 40 MB."""
 
 
 def marker() -> Path:
@@ -46,7 +56,7 @@ def compiled() -> bool:
 def compile_kernels() -> None:
     """Run the main job on small shapes, which compiles and caches every kernel it needs."""
     silent = subprocess.DEVNULL
-    with subprocess.Popen([sys.executable, "-c", SECOND], stdin=silent, stdout=silent, stderr=silent):
+    with subprocess.Popen([sys.executable, "-c", SECOND], stdin=silent, stdout=silent, stderr=silent), _few_collections():
         points, faces = icosphere(LEVEL)
         ball, egg = Mesh(points, faces), Mesh(points * [1.0, 1.3, 1.7] + 0.2 * points[:, [0]] ** 2, faces)
         morph(ball, egg, VertexPairs(np.array([0, 1, 2]), np.array([0, 1, 2])), frames=2)
@@ -58,13 +68,33 @@ def compile_kernels() -> None:
         return  # a read-only home: the next run announces once more, and finds the kernels compiled
 
 
-def compile_solves() -> None:
-    """The share of the second process: wavelet networks, distances, linear solves and point location."""
+def compile_share() -> None:
+    """The share of the second process: linear solves, point location, the last stage of dense maps, and wavelet networks of rows."""
     points, faces = icosphere(LEVEL)
-    ball = Mesh(points, faces)
-    x = np.linspace(0, 1, 32)
-    distances(ball, np.zeros(1, np.int64))
-    fit_rows(x, x[None, :, None] ** 2, dyadic_library([MOTHERS["beta2"]], x, levels=2), FitOptions(2))
-    fit_sphere(points, points**2, np.ones(len(points)), spherical_library([MOTHERS["beta2"]], points, np.ones(len(points)), levels=1), 2)
-    factorize((laplacian(ball) + mass(ball)).tocsc()).solve(np.ones(ball.n_vertices))
-    Locator.prepare(points, ball.topology).locate(points[:3])
+    ball, even, x = Mesh(points, faces), np.ones(len(points)), np.linspace(0, 1, 32)
+    with _few_collections():
+        factorize((laplacian(ball) + mass(ball)).tocsc()).solve(even)
+        _polish(ball)
+        fit_rows(x, x[None, :, None] ** 2, dyadic_library([MOTHERS["beta2"]], x, levels=2), FitOptions(2))
+
+
+def _polish(ball: Mesh) -> None:
+    """Polish a sphere that lies on itself."""
+    points, faces = np.array(ball.vertices), np.array(ball.faces)
+    level = Level(points, faces, points, reference(points, faces, 0.0))
+    target = Target.prepare(SphericalMap(close(ball), points, Trace((), "the sphere itself")))
+    images = Images(target.faces_under(points), np.empty((len(points), 15)))
+    goals = Goals(np.arange(1), points[:1], np.ones(1))
+    problem = Polish(level, target.finest, target.rows, goals, 1.0, target.seats(level), images)
+    problem.newton(problem.sweep(points, 1), 1, 0.0, lambda *step: None)
+
+
+@contextmanager
+def _few_collections() -> Iterator[None]:
+    """Collect garbage rarely."""
+    before = gc.get_threshold()
+    gc.set_threshold(COLLECT_AFTER)
+    try:
+        yield
+    finally:
+        gc.set_threshold(*before)

@@ -18,7 +18,8 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Float, Int
 
-from morphlet.mapping.metric import INNER, OUTER, Ground, Source, under
+from morphlet.mapping.metric import Ground, Source, under
+from morphlet.numerics.compiled import inner_kernel, kernel
 from morphlet.sphere.energy import by_pieces, project_psd
 from morphlet.sphere.map import SphericalMap
 
@@ -78,7 +79,7 @@ def add_derivatives(
     by_pieces(_derivatives, len(source.F), source, images, chord, (pulled, g, H))
 
 
-@OUTER
+@kernel
 def _locate(first, last, S, ground, rows, images):  # images of the points first .. last - 1 of S (n, 3); rows (N, 15)
     for i in range(first, last):
         face, u, v, w = under(ground, images.face[i], S[i, 0], S[i, 1], S[i, 2])
@@ -88,7 +89,7 @@ def _locate(first, last, S, ground, rows, images):  # images of the points first
             images.row[i, e] = u * rows[a, e] + v * rows[b, e] + w * rows[c, e]
 
 
-@INNER
+@inner_kernel
 def inverses(D, tau):
     """The functions h, h', h'', g, g', g'': of 1 / D and 1 / D^2; below tau parabolas, below 0 h straight and g bounded."""
     if tau <= D:
@@ -103,7 +104,7 @@ def inverses(D, tau):
     return s - z * s2 + z * z * s3, -s2 + 2 * z * s3, 2 * s3, s2 - 2 * z * s3 + 3 * z * z * s4, -2 * s3 + 6 * z * s4, 6 * s4
 
 
-@INNER
+@inner_kernel
 def stretch(n, D, tau):
     """The distortion f and its derivatives f_n, f_D, f_nD, f_DD."""
     h, h1, h2, g, g1, g2 = inverses(D, tau)
@@ -112,14 +113,14 @@ def stretch(n, D, tau):
     return f, 0.25 * (1 + g), 0.5 * (h1 - g) + shape * g1, 0.25 * g1, 0.5 * h2 - g1 + shape * g2
 
 
-@INNER
+@inner_kernel
 def upright(nx, ny, nz, bx, by, bz):
     """The length |N|, and c for the sum of normals b."""
     size = np.sqrt(nx * nx + ny * ny + nz * nz) + TINY
     return size, (nx * bx + ny * by + nz * bz) / (size * (np.sqrt(bx * bx + by * by + bz * bz) + TINY))
 
 
-@INNER
+@inner_kernel
 def pair(kt, inverse, p, q, r):
     """The invariants n and D of a triangle whose corners have position and normal in p, q, r."""
     ux, uy, uz, vx, vy, vz = q[0] - p[0], q[1] - p[1], q[2] - p[2], r[0] - p[0], r[1] - p[1], r[2] - p[2]
@@ -130,7 +131,7 @@ def pair(kt, inverse, p, q, r):
     return n, size * inverse * min(1.0, c / UPRIGHT)
 
 
-@OUTER
+@kernel
 def _value(first, last, source, images, chord):  # the sum over triangles first .. last - 1
     total = 0.0
     for t in range(first, last):
@@ -143,7 +144,7 @@ def _value(first, last, source, images, chord):  # the sum over triangles first 
     return total
 
 
-@OUTER
+@kernel
 def _derivatives(first, last, source, images, chord, laid):  # laid: J T (n, 2, 3); added to g (m, 6) and H (m, 21)
     pulled, g, H = laid
     A, U, work = np.empty((6, 6)), np.empty((6, 6)), (np.empty((3, 3)), np.empty(6), np.empty(6), np.empty((6, 3)))
@@ -159,7 +160,7 @@ def _derivatives(first, last, source, images, chord, laid):  # laid: J T (n, 2, 
     return 0.0
 
 
-@INNER
+@inner_kernel
 def _triangle_terms(t, source, images, terms, out, H):  # to row t of g and H (6, 6), lower triangle
     chord, pulled = terms
     (e, tn, td, J), g = out
@@ -197,7 +198,7 @@ def _triangle_terms(t, source, images, terms, out, H):  # to row t of g and H (6
             H[i, q] += fd * scale * turn - 2 * fn * kt[3 - a - b] * inner
 
 
-@INNER
+@inner_kernel
 def _lagged(c, Q, inverse):  # unit b, and the factor with which D = factor N . b
     p, q, r = Q[c[0]], Q[c[1]], Q[c[2]]
     ux, uy, uz, vx, vy, vz = q[0] - p[0], q[1] - p[1], q[2] - p[2], r[0] - p[0], r[1] - p[1], r[2] - p[2]

@@ -18,8 +18,8 @@ from typing import NamedTuple
 import numpy as np
 import scipy.sparse as sp
 from jaxtyping import Float, Int
-from numba import njit
 
+from morphlet.numerics.compiled import inner_kernel, kernel
 from morphlet.numerics.linalg import Analysis, analyse
 from morphlet.sphere.energy import by_pieces, determinant, frames, project_psd
 from morphlet.sphere.locate import WALK_FACTOR, pierced
@@ -35,11 +35,6 @@ ROWS, COLUMNS = np.array([0, 0, 0, 1, 1, 2]), np.array([0, 1, 2, 1, 2, 2])
 """Order of the six entries of a symmetric matrix."""
 FLAT_ROOT = 1e-15
 """Floor of m, the area factor of M."""
-
-OUTER = njit(cache=True, error_model="numpy", nogil=True)
-"""Kernels called from Python."""
-INNER = njit(cache=True, error_model="numpy", nogil=True, no_cpython_wrapper=True, no_cfunc_wrapper=True)
-"""Kernels called by kernels: without wrappers they compile in three quarters of the time."""
 
 
 class Ground(NamedTuple):
@@ -207,7 +202,7 @@ def derivatives(
     return laid[2], laid[3]
 
 
-@INNER
+@inner_kernel
 def robust(f, delta):
     """The robust psi(f) and psi'(f); below f = 1, where rounding and interpolation may lead, its tangent."""
     if delta == 0.0:
@@ -216,19 +211,19 @@ def robust(f, delta):
     return root + min(f - 1, 0.0) / (2 * delta), 0.5 / root
 
 
-@INNER
+@inner_kernel
 def form(M, x, y, z):
     """The quadratic form (x, y, z) M (x, y, z) for the six entries M."""
     return M[0] * x * x + M[3] * y * y + M[5] * z * z + 2 * (M[1] * x * y + M[2] * x * z + M[4] * y * z)
 
 
-@INNER
+@inner_kernel
 def product(M, x, y, z):
     """The vector M (x, y, z)."""
     return M[0] * x + M[1] * y + M[2] * z, M[1] * x + M[3] * y + M[4] * z, M[2] * x + M[4] * y + M[5] * z
 
 
-@INNER
+@inner_kernel
 def under(ground, face, x, y, z):
     """Face of the target under (x, y, z), walking from `face`, and weights."""
     limit = int(WALK_FACTOR * np.sqrt(ground.corner.shape[0] / 3)) + 10
@@ -245,13 +240,13 @@ def under(ground, face, x, y, z):
     return found // 3, 1.0 if corner == 0 else 0.0, 1.0 if corner == 1 else 0.0, 1.0 if corner == 2 else 0.0
 
 
-@INNER
+@inner_kernel
 def area_factor(M):
     """The area factor m: the square root of the sum of the 2x2 minors of M."""
     return np.sqrt(max(M[0] * M[3] + M[0] * M[5] + M[3] * M[5] - M[1] * M[1] - M[2] * M[2] - M[4] * M[4], FLAT_ROOT**2))
 
 
-@INNER
+@inner_kernel
 def metric_under(ground, face, x, y, z, M):
     """The metric (6,) at a direction, into M; the face there, weights, m."""
     face, u, v, w = under(ground, face, x, y, z)
@@ -261,7 +256,7 @@ def metric_under(ground, face, x, y, z, M):
     return face, u, v, w, area_factor(M)
 
 
-@OUTER
+@kernel
 def _value(first, last, S, source, ground, seats):  # the sum over triangles first .. last - 1; their seats follow S (n, 3)
     total = 0.0
     for t in range(first, last):
@@ -284,7 +279,7 @@ def _value(first, last, S, source, ground, seats):  # the sum over triangles fir
     return total
 
 
-@OUTER
+@kernel
 def _derivatives(first, last, laid, source, ground, seats):  # laid: S (n, 3), T (n, 2, 3), into g (m, 6) and H (m, 21), project
     H, project = laid[3], laid[4]
     work = (np.empty((3, 3)), np.empty((3, 3)), np.empty((3, 3)), np.empty(6), np.empty(6), np.empty((6, 3)))
@@ -300,7 +295,7 @@ def _derivatives(first, last, laid, source, ground, seats):  # laid: S (n, 3), T
     return 0.0
 
 
-@INNER
+@inner_kernel
 def _triangle_terms(t, laid, source, seats, work, H):  # row t of g, H (6, 6) lower triangle; f_n, f_D and D
     S, T, g = laid[0], laid[1], laid[2]
     gn, gd, e, tn, td, MT = work
@@ -332,7 +327,7 @@ def _triangle_terms(t, laid, source, seats, work, H):  # row t of g, H (6, 6) lo
     return fn, fd, D
 
 
-@INNER
+@inner_kernel
 def _add_second(c, tables, kt, factors, H):  # the second derivatives of n and D, and the curvature of the sphere
     S, T, gn, gd, MT = tables
     fn, fd, inverse = factors
@@ -358,7 +353,7 @@ def _add_second(c, tables, kt, factors, H):  # the second derivatives of n and D
                     H[2 * i + row, 2 * j + column] += mixed
 
 
-@INNER
+@inner_kernel
 def _add_force(t, factors, laid, source, ground, seats):  # to row t of g: the change of M as the centroid moves
     S, T, g = laid[0], laid[1], laid[2]
     fn, fd, D = factors

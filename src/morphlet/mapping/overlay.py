@@ -8,9 +8,9 @@ from dataclasses import dataclass
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
-from numba import njit
 
 from morphlet.errors import SolveError
+from morphlet.numerics.compiled import kernel
 from morphlet.numerics.unit_sphere import rotations_about
 from morphlet.sphere.locate import Locator
 from morphlet.surface.hierarchy import following
@@ -194,7 +194,7 @@ def _crossed(a: _Side, b: _Side, face: Int[np.ndarray, "n"]) -> _Crossings | Non
     return _Crossings(edge, np.arange(len(edge)) - offsets[edge], halfedge, weights[:, 0], weights[:, 1])
 
 
-@njit(cache=True, error_model="numpy")
+@kernel
 def _walk_edges(points, ends, face, mesh, offsets, out):  # type: ignore[no-untyped-def]
     # First with empty out (halfedges (x,), weights (x, 2)): counts the crossings of each edge into offsets (e + 1,). Then with
     # room for them, offsets saying where each edge's begin. False where a sign is open.

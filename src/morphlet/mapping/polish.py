@@ -15,7 +15,8 @@ from jaxtyping import Float, Int
 from morphlet.errors import SolveError
 from morphlet.mapping import chord, metric
 from morphlet.mapping.chord import TINY, Chord, Images, pair, stretch
-from morphlet.mapping.metric import INNER, OUTER, Ground, Seats, Source, form, robust, under
+from morphlet.mapping.metric import Ground, Seats, Source, form, robust, under
+from morphlet.numerics.compiled import inner_kernel, kernel
 from morphlet.numerics.optimize import DAMPING_PROJECTED
 from morphlet.sphere import energy
 from morphlet.sphere.energy import distance2, tangents
@@ -236,7 +237,7 @@ class Polish:
         return S
 
 
-@INNER
+@inner_kernel
 def _face_energy(t, v, y, row, scene):  # of face t with its corner v at y, whose image is `row`
     S, _, _, terms, images = scene
     c, chords, M = terms.chords.F[t], terms.chords, terms.seats.metric[t]
@@ -256,7 +257,7 @@ def _face_energy(t, v, y, row, scene):  # of face t with its corner v at y, whos
     return total + chords.weight[t] * np.sqrt(max(stretch(n, D, terms.tau)[0] - 1, 0.0) + chords.delta * chords.delta)
 
 
-@INNER
+@inner_kernel
 def _ring_energy(v, y, row, scene):  # of all faces at v, and of its landmark
     starts, faces = scene[1]
     pull, place = scene[2]
@@ -268,7 +269,7 @@ def _ring_energy(v, y, row, scene):  # of all faces at v, and of its landmark
     return total
 
 
-@INNER
+@inner_kernel
 def _shortest(v, scene):  # length of the shortest edge at v
     S, (starts, faces), F = scene[0], scene[1], scene[3].chords.F
     least = np.inf
@@ -279,14 +280,14 @@ def _shortest(v, scene):  # length of the shortest edge at v
     return np.sqrt(least)
 
 
-@INNER
+@inner_kernel
 def _frame(x, turn):  # two unit tangents at x, turned
     ax, ay, az, bx, by, bz = tangents(x[0], x[1], x[2])
     c, s = np.cos(turn), np.sin(turn)
     return (c * ax + s * bx, c * ay + s * by, c * az + s * bz), (c * bx - s * ax, c * by - s * ay, c * bz - s * az)
 
 
-@INNER
+@inner_kernel
 def _tried(v, step, frame, scene, target, place):  # energy with v moved by a step in the frame; place: where it is then, and its image
     (dx, dy), (a, b), (ground, rows), (y, row) = step, frame, target, place
     x = scene[0][v]
@@ -300,7 +301,7 @@ def _tried(v, step, frame, scene, target, place):  # energy with v moved by a st
     return _ring_energy(v, y, row, scene), face
 
 
-@INNER
+@inner_kernel
 def _newton_step(start, around, h, longest):  # diagonal Newton from the energies at a vertex and at its stencil
     hx, hy = (around[0] - 2 * start + around[1]) / (h * h), (around[2] - 2 * start + around[3]) / (h * h)
     floor = LEAST_CURVATURE * max(abs(hx), abs(hy)) + TINY
@@ -309,7 +310,7 @@ def _newton_step(start, around, h, longest):  # diagonal Newton from the energie
     return dx * shrink, dy * shrink
 
 
-@OUTER
+@kernel
 def _sweep(scene, target, turn):  # every vertex once, in place: four points around it, then a diagonal Newton step
     S, images = scene[0], scene[4]
     place, best, around = (np.empty(3), np.empty(6)), (np.empty(3), np.empty(6)), np.empty(4)

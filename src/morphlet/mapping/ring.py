@@ -9,18 +9,17 @@ from collections.abc import Callable
 import numpy as np
 from jaxtyping import Int
 
-from morphlet.mapping.metric import INNER, OUTER, Ground, form, metric_under, product
+from morphlet.mapping.metric import Ground, form, metric_under, product
+from morphlet.numerics.compiled import inner_kernel, kernel
 from morphlet.sphere.energy import distance2, tangents, triangle_reference
-from morphlet.sphere.relax import ARMIJO, LONGEST_MOVE, kernel_point, ring_buffer, set_sector
+from morphlet.sphere.relax import ARMIJO, INSERTION_STEPS, LONGEST_MOVE, ONE_STEP, kernel_point, ring_buffer, set_sector
 from morphlet.surface.hierarchy import following, preceding
 
 CUTS = 12
 """Times a step is cut to 0.4 before it is given up (as in `sphere.relax`)."""
-INSERTION_STEPS = 3
-"""Newton steps of a vertex that was just put back."""
 
 
-@INNER
+@inner_kernel
 def _energy(x, y, z, m, R, M):  # of the ring; inf if some D <= 0
     E = 0.0
     for j in range(m):
@@ -33,7 +32,7 @@ def _energy(x, y, z, m, R, M):  # of the ring; inf if some D <= 0
     return E
 
 
-@INNER
+@inner_kernel
 def _newton(x, y, z, m, R, M):  # step in the tangent plane (3 numbers) and its slope g . s
     ax, ay, az, bx, by, bz = tangents(x, y, z)
     px, py, pz = product(M, ax, ay, az)
@@ -68,7 +67,7 @@ def _newton(x, y, z, m, R, M):  # step in the tangent plane (3 numbers) and its 
     return s1 * ax + s2 * bx, s1 * ay + s2 * by, s1 * az + s2 * bz, g1 * s1 + g2 * s2
 
 
-@INNER
+@inner_kernel
 def _relax(at, m, R, M, steps):  # damped Newton from a point whose ring energy must be finite
     x, y, z = at
     E = _energy(x, y, z, m, R, M)
@@ -96,32 +95,31 @@ def _relax(at, m, R, M, steps):  # damped Newton from a point whose ring energy 
     return x, y, z
 
 
-@INNER
+@inner_kernel
 def _measure(m, R, ka, M, root):  # finish the sectors for a metric: N gets its area factor, the edge opposite x its length
     for j in range(m):
         R[j, 6], R[j, 7], R[j, 8] = R[j, 6] * root, R[j, 7] * root, R[j, 8] * root
         R[j, 11] = ka[j] * form(M, R[j, 3] - R[j, 0], R[j, 4] - R[j, 1], R[j, 5] - R[j, 2])
 
 
-@OUTER
+@kernel
 def sweep(vertices, S, star, ref, ground, face):
     """One Newton step per listed vertex, in place; face (n,): the target's face under each."""
     corner, twin, start, size = star
     R, ka, M = ring_buffer(size), np.empty(size), np.empty(6)
     for u in vertices:
-        h, m = start[u], 0
-        while True:
+        h = start[u]
+        for j in range(size):
             t, c = h // 3, h % 3
             kb, kc = ref.k[t, (c + 2) % 3], ref.k[t, (c + 1) % 3]
-            set_sector(R, m, S, corner[following(h)], corner[preceding(h)], kb, kc, 0.0, ref.inverse[t], ref.weight[t])
-            ka[m] = ref.k[t, c]
-            m += 1
+            set_sector(R, j, S, corner[following(h)], corner[preceding(h)], kb, kc, 0.0, ref.inverse[t], ref.weight[t])
+            ka[j], m = ref.k[t, c], j + 1
             h = twin[preceding(h)]
             if h == start[u]:
                 break
         face[u], _, _, _, root = metric_under(ground, face[u], S[u, 0], S[u, 1], S[u, 2], M)
         _measure(m, R, ka, M, root)
-        S[u, 0], S[u, 1], S[u, 2] = _relax((S[u, 0], S[u, 1], S[u, 2]), m, R, M, 1)
+        S[u, 0], S[u, 1], S[u, 2] = _relax((S[u, 0], S[u, 1], S[u, 2]), m, R, M, ONE_STEP)
 
 
 def putter(ground: Ground, face: Int[np.ndarray, "n"]) -> Callable[..., int]:
@@ -134,7 +132,7 @@ def putter(ground: Ground, face: Int[np.ndarray, "n"]) -> Callable[..., int]:
     return put
 
 
-@OUTER
+@kernel
 def _insert(span, records, mesh, scales, ground):  # undo records high - 1 .. low; the one that failed, or -1
     removed, offsets, ring_vertices, ring_faces = records
     V, S, F, face = mesh

@@ -15,8 +15,8 @@ from typing import NamedTuple
 
 import numpy as np
 from jaxtyping import Float, Int
-from numba import njit
 
+from morphlet.numerics.compiled import inlined_kernel, inner_kernel, kernel
 from morphlet.numerics.threads import each
 
 ISOMETRIC, HINGE, ANGLE_AREA = 0, 1, 2
@@ -64,7 +64,7 @@ def reference(V: Float[np.ndarray, "n 3"], F: Int[np.ndarray, "m 3"], floor: flo
     return Reference(k, inverse, np.full(len(F), 4 * np.pi / len(F)))
 
 
-@njit(cache=True)
+@kernel
 def triangle_reference(l0, l1, l2, floor2):  # squared edges opposite corners 0, 1, 2 -> k0, k1, k2, area
     longest = max(l0, max(l1, l2))
     if longest < floor2:
@@ -86,12 +86,12 @@ def triangle_reference(l0, l1, l2, floor2):  # squared edges opposite corners 0,
     return 2 * (l1 + l2 - l0) / s, 2 * (l0 + l2 - l1) / s, 2 * (l0 + l1 - l2) / s, 0.25 * np.sqrt(s)
 
 
-@njit(inline="always")
+@inlined_kernel
 def distance2(X, i, j):
     return (X[i, 0] - X[j, 0]) ** 2 + (X[i, 1] - X[j, 1]) ** 2 + (X[i, 2] - X[j, 2]) ** 2
 
 
-@njit(cache=True)
+@kernel
 def _reference(V, F, scale2, floor2, k, inverse):
     for t in range(F.shape[0]):
         a, b, c = F[t, 0], F[t, 1], F[t, 2]
@@ -101,14 +101,14 @@ def _reference(V, F, scale2, floor2, k, inverse):
         inverse[t] = 0.5 / area
 
 
-@njit(inline="always")
+@inlined_kernel
 def determinant(X, i, j, k):  # det(x_i, x_j, x_k) by differences: accurate on tiny triangles
     ex, ey, ez = X[j, 0] - X[i, 0], X[j, 1] - X[i, 1], X[j, 2] - X[i, 2]
     gx, gy, gz = X[k, 0] - X[i, 0], X[k, 1] - X[i, 1], X[k, 2] - X[i, 2]
     return X[i, 0] * (ey * gz - ez * gy) + X[i, 1] * (ez * gx - ex * gz) + X[i, 2] * (ex * gy - ey * gx)
 
 
-@njit(inline="always")
+@inlined_kernel
 def density(form, a, n, D):  # f(n, D) and its derivatives: f, f_n, f_D, f_nD, f_DD (f_nn = 0 in every form)
     if form == HINGE:
         gap = max(a - D, 0.0)
@@ -121,7 +121,7 @@ def density(form, a, n, D):  # f(n, D) and its derivatives: f, f_n, f_D, f_nD, f
     return angle * n * r + area * (D + r), angle * r, first, -angle * r * r, second
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@kernel
 def _value(first, last, S, F, ref, form, a, p, majorant):  # the sum over faces first .. last - 1
     total = 0.0
     for t in range(first, last):
@@ -144,13 +144,13 @@ def value(
     return sum(by_pieces(_value, len(F), S, F, ref, form, a, p, majorant))
 
 
-def by_pieces(kernel: Callable[..., float], m: int, *arguments: object) -> list[float]:
-    """kernel(first, last, ...) over fixed pieces of m faces: one piece of a small mesh, many of a large one; results in order."""
+def by_pieces(work: Callable[..., float], m: int, *arguments: object) -> list[float]:
+    """work(first, last, ...) over fixed pieces of m faces: one piece of a small mesh, many of a large one; results in order."""
     pieces = 1 if m < SERIAL_BELOW else PIECES
-    return each(lambda i: kernel(m * i // pieces, m * (i + 1) // pieces, *arguments), pieces)
+    return each(lambda i: work(m * i // pieces, m * (i + 1) // pieces, *arguments), pieces)
 
 
-@njit(inline="always")
+@inlined_kernel
 def tangents(x, y, z):  # two unit tangents of the sphere at (x, y, z)
     if abs(x) < 0.6:
         ex, ey, ez = 1 - x * x, -x * y, -x * z
@@ -163,13 +163,13 @@ def tangents(x, y, z):  # two unit tangents of the sphere at (x, y, z)
     return ex, ey, ez, y * ez - z * ey, z * ex - x * ez, x * ey - y * ex
 
 
-@njit(cache=True)
+@kernel
 def frames(S, T):  # T (n, 2, 3): tangent basis of each vertex
     for i in range(S.shape[0]):
         T[i, 0, 0], T[i, 0, 1], T[i, 0, 2], T[i, 1, 0], T[i, 1, 1], T[i, 1, 2] = tangents(S[i, 0], S[i, 1], S[i, 2])
 
 
-@njit(cache=True, error_model="numpy")
+@inner_kernel
 def _triangle_terms(t, S, F, T, ref, form, a, weight, work, g, H):  # g (m, 6) row t and H (6, 6) lower triangle of one triangle
     gn, gd, tn, td = work
     c = (F[t, 0], F[t, 1], F[t, 2])
@@ -216,7 +216,7 @@ def _triangle_terms(t, S, F, T, ref, form, a, weight, work, g, H):  # g (m, 6) r
                     H[2 * i + row, 2 * j + column] += mixed
 
 
-@njit(cache=True, error_model="numpy")
+@inner_kernel
 def _rotate(A, U, p, q):  # one Jacobi rotation of rows p < q; A: lower triangle, U: eigenvectors as rows
     x, d = A[q, p], A[q, q] - A[p, p]
     t = np.copysign(2.0, d) * x / (abs(d) + np.sqrt(d * d + 4 * x * x) + 1e-300)
@@ -239,7 +239,7 @@ def _rotate(A, U, p, q):  # one Jacobi rotation of rows p < q; A: lower triangle
         U[p, k], U[q, k] = c * y - s * z, s * y + c * z
 
 
-@njit(cache=True, error_model="numpy")
+@kernel
 def project_psd(A, U):  # A (6, 6) lower triangle -> its nearest positive semi-definite matrix; U (6, 6) scratch
     for i in range(6):
         for j in range(6):
@@ -265,7 +265,7 @@ def project_psd(A, U):  # A (6, 6) lower triangle -> its nearest positive semi-d
                     A[i, j] += y * U[k, j]
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@kernel
 def _derivatives(first, last, S, F, T, ref, form, a, weight, project, g, H):
     work = (np.empty((3, 3)), np.empty((3, 3)), np.empty(6), np.empty(6))
     A, U = np.empty((6, 6)), np.empty((6, 6))
@@ -289,7 +289,7 @@ def derivatives(
     return g, H
 
 
-@njit(cache=True)
+@kernel
 def move(S, U, alpha, out):  # out = S + alpha U, back on the sphere
     for i in range(S.shape[0]):
         x, y, z = S[i, 0] + alpha * U[i, 0], S[i, 1] + alpha * U[i, 1], S[i, 2] + alpha * U[i, 2]
@@ -297,12 +297,12 @@ def move(S, U, alpha, out):  # out = S + alpha U, back on the sphere
         out[i, 0], out[i, 1], out[i, 2] = x * s, y * s, z * s
 
 
-@njit(inline="always")
+@inlined_kernel
 def _cross_dot(a, b, c, d, e, f, x, y, z):  # (x, y, z) . ((a, b, c) x (d, e, f))
     return x * (b * f - c * e) + y * (c * d - a * f) + z * (a * e - b * d)
 
 
-@njit(cache=True)
+@kernel
 def _first_fold(c0, c1, c2, c3, limit):  # a lower bound of the first root of c0 + c1 t + c2 t^2 + c3 t^3 in (0, limit)
     if c0 > -min(c1, 0.0) * limit - min(c2, 0.0) * limit**2 - min(c3, 0.0) * limit**3:
         return limit
@@ -323,7 +323,7 @@ def _first_fold(c0, c1, c2, c3, limit):  # a lower bound of the first root of c0
     return low
 
 
-@njit(inline="always")
+@inlined_kernel
 def _face_step(S, U, i, j, k, limit):  # a step up to `limit` before which det(s_i + t u_i, s_j + t u_j, s_k + t u_k) stays positive
     ax, ay, az, ux, uy, uz = S[i, 0], S[i, 1], S[i, 2], U[i, 0], U[i, 1], U[i, 2]
     ex, ey, ez, gx, gy, gz = S[j, 0] - ax, S[j, 1] - ay, S[j, 2] - az, S[k, 0] - ax, S[k, 1] - ay, S[k, 2] - az
@@ -337,7 +337,7 @@ def _face_step(S, U, i, j, k, limit):  # a step up to `limit` before which det(s
     return _first_fold(c0, c1, c2, c3, limit)
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def _largest_step(first, last, S, U, F, limit):
     least = limit
     for t in range(first, last):
@@ -350,7 +350,7 @@ def largest_step(S: Float[np.ndarray, "n 3"], U: Float[np.ndarray, "n 3"], F: In
     return min(by_pieces(_largest_step, len(F), S, U, F, limit))
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def _face_steps(first, last, S, U, F, limit, out):
     for t in range(first, last):
         out[t] = _face_step(S, U, F[t, 0], F[t, 1], F[t, 2], limit)

@@ -8,9 +8,9 @@ from dataclasses import dataclass
 
 import numpy as np
 from jaxtyping import Float, Int
-from numba import njit
 
 from morphlet.errors import SolveError
+from morphlet.numerics.compiled import inlined_kernel, inner_kernel, kernel
 from morphlet.numerics.predicates import determinant_signs
 from morphlet.numerics.threads import each
 from morphlet.surface.hierarchy import following
@@ -77,7 +77,7 @@ class Locator:
         return hit, raw / raw.sum() if raw.sum() > 0 else np.full(3, 1 / 3)
 
 
-@njit(inline="always")
+@inlined_kernel
 def _cell(x, y, z, cells):  # equi-angular cell of the cube face under (x, y, z)
     ax, ay, az = abs(x), abs(y), abs(z)
     if ax >= ay and ax >= az:
@@ -91,7 +91,7 @@ def _cell(x, y, z, cells):  # equi-angular cell of the cube face under (x, y, z)
     return (side * cells + i) * cells + j
 
 
-@njit(inline="always")
+@inlined_kernel
 def _centre(cell, cells):  # direction through the middle of a cell
     side, rest = cell // (cells * cells), cell % (cells * cells)
     u = np.tan(((rest // cells + 0.5) / cells * 2 - 1) * np.pi / 4)
@@ -104,7 +104,7 @@ def _centre(cell, cells):  # direction through the middle of a cell
     return u, v, s
 
 
-@njit(cache=True)
+@kernel
 def _fill(points, corner, cells, grid):  # one face per cell; empty cells take a neighbour's, breadth first
     for h in range(corner.shape[0]):
         p = corner[h]
@@ -129,7 +129,7 @@ def _fill(points, corner, cells, grid):  # one face per cell; empty cells take a
                 tail += 1
 
 
-@njit(inline="always")
+@inlined_kernel
 def _side(points, i, j, x, y, z):  # det(x, p_i, p_j), the same bits up to sign for (j, i)
     s = 1.0
     if i > j:
@@ -139,7 +139,7 @@ def _side(points, i, j, x, y, z):  # det(x, p_i, p_j), the same bits up to sign 
     return s * (x * (ay * bz - az * by) + y * (az * bx - ax * bz) + z * (ax * by - ay * bx))
 
 
-@njit(cache=True)
+@inner_kernel
 def _walk(points, corner, twin, face, limit, seed, x, y, z):  # face that holds (x, y, z), or -1
     came = -1
     for _ in range(limit):
@@ -160,14 +160,14 @@ def _walk(points, corner, twin, face, limit, seed, x, y, z):  # face that holds 
     return -1
 
 
-@njit(inline="always")
+@inlined_kernel
 def _weights(points, corner, f, x, y, z):  # gnomonic weights of (x, y, z) in face f, and their sum: all >= 0 inside
     i, j, k = corner[3 * f], corner[3 * f + 1], corner[3 * f + 2]
     u, v, w = _side(points, j, k, x, y, z), _side(points, k, i, x, y, z), _side(points, i, j, x, y, z)
     return u, v, w, u + v + w
 
 
-@njit(cache=True)
+@inner_kernel
 def pierced(points, corner, twin, face, limit, seed, x, y, z):  # face that holds (x, y, z), walking from `face`, and weights; -1 if lost
     u, v, w, total = _weights(points, corner, face, x, y, z)
     p = corner[3 * face]
@@ -183,7 +183,7 @@ def pierced(points, corner, twin, face, limit, seed, x, y, z):  # face that hold
     return face, u / total, v / total, w / total
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def _walk_range(points, corner, twin, grid, cells, limit, first, last, directions, face, weights):
     for q in range(first, last):
         x, y, z = directions[q, 0], directions[q, 1], directions[q, 2]

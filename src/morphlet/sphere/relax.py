@@ -8,14 +8,18 @@ from itertools import pairwise
 
 import numpy as np
 from jaxtyping import Int
-from numba import njit
 
+from morphlet.numerics.compiled import inner_kernel, kernel
 from morphlet.numerics.threads import each
 from morphlet.sphere.energy import distance2, tangents, triangle_reference
 from morphlet.surface.hierarchy import following, preceding
 
+ONE_STEP, INSERTION_STEPS = np.int64(1), np.int64(3)  # Python integers are types of their own to numba
+"""Newton steps of a vertex in a sweep, and of one that was just put back."""
 ARMIJO = 1e-4
 """Share of the linear decrease that an accepted step must reach."""
+LUNE = np.int64(4)
+"""Corners of the polygon that a lune is kept as."""
 LONGEST_MOVE = 0.5
 """Radians a vertex may move in one step."""
 SLICES = 8
@@ -24,12 +28,12 @@ SMALL_CLASS = 512
 """Colour classes below this size are swept by one thread: waking the others costs more."""
 
 
-@njit(cache=True)
+@kernel
 def ring_buffer(size):  # one row per ring triangle (x, b, c): b (3), c (3), N (3), k_b, k_c, constant part of n, weight
     return np.empty((size, 13))
 
 
-@njit(inline="always")
+@kernel
 def set_sector(R, j, S, b, c, kb, kc, ka, inverse, weight):
     bx, by, bz, cx, cy, cz = S[b, 0], S[b, 1], S[b, 2], S[c, 0], S[c, 1], S[c, 2]
     ex, ey, ez = cx - bx, cy - by, cz - bz
@@ -38,7 +42,7 @@ def set_sector(R, j, S, b, c, kb, kc, ka, inverse, weight):
     R[j, 9], R[j, 10], R[j, 11], R[j, 12] = kb, kc, ka * (ex * ex + ey * ey + ez * ez), weight
 
 
-@njit(cache=True)
+@kernel
 def ring_energy(x, y, z, m, R):  # inf if some D <= 0
     E = 0.0
     for j in range(m):
@@ -51,7 +55,7 @@ def ring_energy(x, y, z, m, R):  # inf if some D <= 0
     return E
 
 
-@njit(cache=True)
+@inner_kernel
 def _ring_newton(x, y, z, m, R):  # step in the tangent plane (3 numbers) and its slope g . s
     ax, ay, az, bx, by, bz = tangents(x, y, z)
     g1 = g2 = h11 = h12 = h22 = bend = 0.0
@@ -83,7 +87,7 @@ def _ring_newton(x, y, z, m, R):  # step in the tangent plane (3 numbers) and it
     return s1 * ax + s2 * bx, s1 * ay + s2 * by, s1 * az + s2 * bz, g1 * s1 + g2 * s2
 
 
-@njit(cache=True)
+@kernel
 def relax_vertex(x, y, z, m, R, steps):  # damped Newton from (x, y, z), whose ring energy must be finite
     E = ring_energy(x, y, z, m, R)
     for _ in range(steps):
@@ -110,22 +114,20 @@ def relax_vertex(x, y, z, m, R, steps):  # damped Newton from (x, y, z), whose r
     return x, y, z
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def relax_range(vertices, first, last, S, corner, twin, start, ref, weight, size):  # one Newton step per vertex, in place
     R = ring_buffer(size)
     for i in range(first, last):
         u = vertices[i]
         h = start[u]
-        m = 0
-        while True:
+        for m in range(size):
             t, c = h // 3, h % 3
             kb, kc = ref.k[t, (c + 2) % 3], ref.k[t, (c + 1) % 3]
             set_sector(R, m, S, corner[following(h)], corner[preceding(h)], kb, kc, ref.k[t, c], ref.inverse[t], weight[t])
-            m += 1
             h = twin[preceding(h)]
             if h == start[u]:
                 break
-        S[u, 0], S[u, 1], S[u, 2] = relax_vertex(S[u, 0], S[u, 1], S[u, 2], m, R, 1)
+        S[u, 0], S[u, 1], S[u, 2] = relax_vertex(S[u, 0], S[u, 1], S[u, 2], m + 1, R, ONE_STEP)
 
 
 def relax_colours(order: Int[np.ndarray, "n"], offsets: Int[np.ndarray, "c"], *arguments: object) -> None:
@@ -136,7 +138,7 @@ def relax_colours(order: Int[np.ndarray, "n"], offsets: Int[np.ndarray, "c"], *a
         each(lambda s, cuts=cuts: relax_range(order, cuts[s], cuts[s + 1], *arguments), slices)  # type: ignore[misc]
 
 
-@njit(cache=True)
+@kernel
 def colour_order(corner, twin, start, size):  # greedy colouring: vertices sorted by colour, and where each colour starts
     n = start.shape[0]
     colour, used, most = np.full(n, -1, np.int64), np.full(size + 1, -1, np.int64), 0
@@ -157,7 +159,8 @@ def colour_order(corner, twin, start, size):  # greedy colouring: vertices sorte
     offsets = np.zeros(most + 1, np.int64)
     for u in range(n):
         offsets[colour[u] + 1] += 1
-    offsets = offsets.cumsum()
+    for c in range(most):
+        offsets[c + 1] += offsets[c]
     order, place = np.empty(n, np.int64), offsets.copy()
     for u in range(n):
         order[place[colour[u]]] = u
@@ -165,8 +168,10 @@ def colour_order(corner, twin, start, size):  # greedy colouring: vertices sorte
     return order, offsets
 
 
-@njit(cache=True)
-def _lune(k, R, x, y, z, P):  # (x, y, z): first ring vertex v -> the lune of the first and last plane, apexes v and -v, into P
+@inner_kernel
+def _lune(
+    k, R, x, y, z, P
+):  # (x, y, z): first ring vertex v -> the lune of the first and last plane, apexes v and -v, into P; its corner count
     for e in range(2):
         first, other = (0, k - 1) if e == 0 else (k - 1, 0)
         nx, ny, nz = R[first, 6], R[first, 7], R[first, 8]
@@ -176,9 +181,10 @@ def _lune(k, R, x, y, z, P):  # (x, y, z): first ring vertex v -> the lune of th
             s = -s
         P[2 * e + 1, 0], P[2 * e + 1, 1], P[2 * e + 1, 2] = mx * s, my * s, mz * s
     P[0, 0], P[0, 1], P[0, 2], P[2, 0], P[2, 1], P[2, 2] = x, y, z, -x, -y, -z
+    return LUNE
 
 
-@njit(cache=True)
+@inner_kernel
 def _clip(n, nx, ny, nz, P, Q):  # the part of the polygon P (n corners) where N . x >= 0, into Q; its corner count
     m = 0
     for a in range(n):
@@ -197,10 +203,9 @@ def _clip(n, nx, ny, nz, P, Q):  # the part of the polygon P (n corners) where N
     return m
 
 
-@njit(cache=True)
+@inner_kernel
 def kernel_point(k, R, x, y, z, P, Q):  # a point inside {p : p . N_j > 0}, ring from v = (x, y, z); its least p . N_j (<= 0: none)
-    _lune(k, R, x, y, z, P)
-    n = 4
+    n = _lune(k, R, x, y, z, P)
     for j in range(1, k - 1):
         n = _clip(n, R[j, 6], R[j, 7], R[j, 8], P, Q)
         P, Q = Q, P
@@ -216,7 +221,7 @@ def kernel_point(k, R, x, y, z, P, Q):  # a point inside {p : p . N_j > 0}, ring
     return x, y, z, margin
 
 
-@njit(cache=True)
+@kernel
 def insert(high, low, records, V, S, F, scale2, floor2, size):  # undo records high-1 .. low; returns the one that failed, or -1
     removed, offsets, ring_vertices, ring_faces = records
     R, P, Q = ring_buffer(size), np.empty((2 * size + 8, 3)), np.empty((2 * size + 8, 3))
@@ -239,6 +244,6 @@ def insert(high, low, records, V, S, F, scale2, floor2, size):  # undo records h
         elif not margin > 0:
             return i
         if ring_energy(x, y, z, k, R) < np.inf:
-            x, y, z = relax_vertex(x, y, z, k, R, 3)
+            x, y, z = relax_vertex(x, y, z, k, R, INSERTION_STEPS)
         S[u, 0], S[u, 1], S[u, 2] = x, y, z
     return -1

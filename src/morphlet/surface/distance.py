@@ -9,10 +9,10 @@ from dataclasses import dataclass
 
 import numpy as np
 from jaxtyping import Float, Int
-from numba import njit
 
 from morphlet import _arrays
 from morphlet.errors import MeshError
+from morphlet.numerics.compiled import inner_kernel, kernel
 from morphlet.numerics.threads import each
 from morphlet.surface.mesh import Mesh
 from morphlet.surface.requirements import many
@@ -21,7 +21,7 @@ HOPS = 2
 """Walks to the farthest vertex before the first farthest point: the second already starts at an end of the surface."""
 
 
-@njit(cache=True, error_model="numpy")
+@inner_kernel
 def _rise(heap, place, key, hole):  # type: ignore[no-untyped-def]
     # heap (n,) vertices, place (n,) their places in it, key (n,): let the vertex at `hole` rise to where it belongs.
     vertex = heap[hole]
@@ -36,7 +36,7 @@ def _rise(heap, place, key, hole):  # type: ignore[no-untyped-def]
     place[vertex] = hole
 
 
-@njit(cache=True, error_model="numpy")
+@inner_kernel
 def _sink(heap, place, key, size):  # type: ignore[no-untyped-def]
     # The first `size` entries of the heap are alive, the first of them may be too low: let it sink.
     vertex, hole = heap[0], 0
@@ -55,7 +55,7 @@ def _sink(heap, place, key, size):  # type: ignore[no-untyped-def]
     place[vertex] = hole
 
 
-@njit(cache=True, error_model="numpy")
+@inner_kernel
 def _across(near, far, base, left, right):  # type: ignore[no-untyped-def]
     # Distance of the corner behind an edge of length `base` whose ends are `near` and `far` away; `left` and `right` join them to it.
     x = 0.5 * ((near - far) * (near + far) / base + base)
@@ -68,12 +68,13 @@ def _across(near, far, base, left, right):  # type: ignore[no-untyped-def]
     return np.sqrt((p - x) ** 2 + (q + y) ** 2)
 
 
-@njit(cache=True, error_model="numpy", nogil=True)
+@kernel
 def _march(faces, lengths, starts, corners, source, distance):  # type: ignore[no-untyped-def]
     # faces (m,3); lengths (m,3) of the edges opposite the corners; corners (3m,) = 3 f + c by vertex from starts (n+1,); distance (n,) out.
     n = len(distance)
     heap, place = np.empty(n, np.int64), np.full(n, -1, np.int64)  # place: -1 unseen, -2 final
-    distance[:] = np.inf
+    for v in range(n):
+        distance[v] = np.inf
     distance[source] = 0.0
     heap[0], place[source], size = source, 0, 1
     while size > 0:

@@ -13,14 +13,14 @@ from typing import Literal, NamedTuple
 
 import numpy as np
 from jaxtyping import Float, Int
-from numba import njit
 
 from morphlet.errors import MeshError
+from morphlet.numerics.compiled import inlined_kernel, inner_kernel, kernel
 from morphlet.surface.mesh import Mesh
 
 CollapseCost = Literal["shape", "valence"]
 
-FIRST_VALENCE_CAP = 24
+FIRST_VALENCE_CAP = np.int64(24)  # a Python integer is a type of its own to numba
 """Vertices of higher valence wait: collapsing a hub scans its whole ring (a bipyramid of 1000: 13 s without, 0.1 s with)."""
 CAP_RAISES = 12
 """The cap grows by 4 whenever nothing is left to collapse: 24 * 4**12 exceeds any valence."""
@@ -158,17 +158,17 @@ def _vertex_quadrics(positions: Float[np.ndarray, "n 3"], corner: Int[np.ndarray
     return np.ascontiguousarray(np.stack(columns, axis=1))
 
 
-@njit(inline="always")
+@inlined_kernel
 def following(h):  # half-edge after h in its face
     return h - 2 if h % 3 == 2 else h + 1
 
 
-@njit(inline="always")
+@inlined_kernel
 def preceding(h):  # half-edge before h in its face
     return h + 2 if h % 3 == 0 else h - 1
 
 
-@njit(cache=True)
+@inner_kernel
 def ring_halfedges(u, star, out):  # out (>= valence,): half-edges u -> neighbour, counter-clockwise; returns their count
     h = star.start[u]
     k = 0
@@ -180,7 +180,7 @@ def ring_halfedges(u, star, out):  # out (>= valence,): half-edges u -> neighbou
             return k
 
 
-@njit(cache=True)
+@inner_kernel
 def _quadric_at(q, x, y, z):  # q (10,)
     return (
         q[0] * x * x + 2 * q[1] * x * y + 2 * q[2] * x * z + 2 * q[3] * x + q[4] * y * y + 2 * q[5] * y * z + 2 * q[6] * y
@@ -188,7 +188,7 @@ def _quadric_at(q, x, y, z):  # q (10,)
     )  # fmt: skip
 
 
-@njit(cache=True)
+@inner_kernel
 def _old_normals(u, k, ring, star, V, out):  # out (k, 4): normal of sector j and its length
     for j in range(k):
         a, b = star.corner[following(ring[j])], star.corner[preceding(ring[j])]
@@ -198,7 +198,7 @@ def _old_normals(u, k, ring, star, V, out):  # out (k, 4): normal of sector j an
         out[j, 3] = np.sqrt(out[j, 0] ** 2 + out[j, 1] ** 2 + out[j, 2] ** 2)
 
 
-@njit(cache=True)
+@inner_kernel
 def _moved_cost(v, i, k, ring, star, V, old, base, e4, limit):  # cost of the sectors once u sits at v = ring i; inf beyond limit
     worst, flips = 0.0, 0.0
     for step in range(1, k - 1):
@@ -218,7 +218,7 @@ def _moved_cost(v, i, k, ring, star, V, old, base, e4, limit):  # cost of the se
     return base + e4 * (SHAPE_WEIGHT * (worst if k > 3 else 1.0) + flips)
 
 
-@njit(cache=True)
+@inner_kernel
 def _common_neighbours(h, star, mark, stamp):  # neighbours of the head of h that carry the stamp
     g0 = star.twin[h]
     g = g0
@@ -231,7 +231,7 @@ def _common_neighbours(h, star, mark, stamp):  # neighbours of the head of h tha
             return count
 
 
-@njit(cache=True)
+@inner_kernel
 def _best_collapse(u, star, V, Q, work, combinatorial, cap):  # (cost, half-edge u -> v); cost inf if there is none
     ring, mark, old, stamp, extra = work
     best, best_h = np.inf, -1
@@ -257,7 +257,7 @@ def _best_collapse(u, star, V, Q, work, combinatorial, cap):  # (cost, half-edge
     return best + extra[u], best_h
 
 
-@njit(cache=True)
+@inner_kernel
 def _remove(u, k, ring, star):  # collapse u onto the head of ring[0]; the two faces beside that edge die
     first, last = ring[0], ring[k - 1]
     v, r1, rk = star.corner[following(first)], star.corner[preceding(first)], star.corner[following(last)]
@@ -273,7 +273,7 @@ def _remove(u, k, ring, star):  # collapse u onto the head of ring[0]; the two f
     return v
 
 
-@njit(cache=True)
+@kernel
 def _collapse_all(V, star, Q, extra, combinatorial):
     n = V.shape[0]
     work = (np.empty(n + 8, np.int64), np.zeros(n, np.int64), np.empty((n + 8, 4)), np.zeros(1, np.int64), extra)
@@ -339,14 +339,15 @@ def _collapse_all(V, star, Q, extra, combinatorial):
     return removed[:count].copy(), offsets[: count + 1].copy(), ring_vertices[:used].copy(), ring_faces[:used].copy(), dead
 
 
-@njit(cache=True)
+@inner_kernel
 def _grown(array, extra):  # a copy at least twice as long
     bigger = np.empty(2 * array.shape[0] + extra, np.int64)
-    bigger[: array.shape[0]] = array
+    for i in range(array.shape[0]):
+        bigger[i] = array[i]
     return bigger
 
 
-@njit(cache=True)
+@kernel
 def undo_faces(high, low, removed, offsets, ring_vertices, ring_faces, faces):  # faces (m, 3), rewritten in place
     for i in range(high - 1, low - 1, -1):
         first, k = offsets[i], offsets[i + 1] - offsets[i]
@@ -357,14 +358,14 @@ def undo_faces(high, low, removed, offsets, ring_vertices, ring_faces, faces):  
             faces[row, 2] = ring_vertices[first + (j + 1) % k]
 
 
-@njit(cache=True)
+@kernel
 def push_down(removed, offsets, ring_vertices, mass):  # mass (n,): hand each removed vertex's mass to its ring, in order
     for i in range(removed.shape[0]):
         for j in range(offsets[i], offsets[i + 1]):
             mass[ring_vertices[j]] += mass[removed[i]] / (offsets[i + 1] - offsets[i])
 
 
-@njit(cache=True)
+@kernel
 def pull_up(high, low, removed, offsets, ring_vertices, mass):  # mass (n,): take it back, in reverse order
     for i in range(high - 1, low - 1, -1):
         for j in range(offsets[i], offsets[i + 1]):

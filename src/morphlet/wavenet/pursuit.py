@@ -12,6 +12,7 @@ from jaxtyping import Float, Int
 from numba import njit
 
 from morphlet.numerics import threads
+from morphlet.numerics.compiled import inner_kernel, kernel
 from morphlet.wavenet.library import Library, affine_basis, normalised
 
 Method = Literal["ols", "omp", "mp"]
@@ -105,7 +106,7 @@ def weigh(
     return weights, errors
 
 
-@njit(cache=True, error_model="numpy", nogil=True)
+@kernel
 def _choose_range(candidates, correlations, rule, limits, found):  # type: ignore[no-untyped-def]
     # every row; candidates: design (n, l), gram, squared norms; limits (r, 3): sum of squares, the one to reach, and rounding. Loops,
     # not slices: they compile ten times as fast.
@@ -116,7 +117,7 @@ def _choose_range(candidates, correlations, rule, limits, found):  # type: ignor
         found[0][row] = _choose(design, gram, correlations[row], (rule, limits[row]), (before, factor, scores), out)
 
 
-@njit(cache=True, error_model="numpy", nogil=True)
+@inner_kernel
 def _choose(design, gram, correlations, rule_limits, work, out):  # type: ignore[no-untyped-def]
     # Pivoted partial Cholesky of the Gram matrix. From candidates design (n, l), their inner products gram (l, l) or (0, 0) to
     # have them computed, and correlations (k, l) with the signal, overwritten; out come picks (m,), gains (m,), steps (m, k)
@@ -160,7 +161,7 @@ def _choose(design, gram, correlations, rule_limits, work, out):  # type: ignore
     return len(picks)
 
 
-@njit(cache=True, error_model="numpy", nogil=True)
+@inner_kernel
 def _score(correlations, norms, before, scores, rule):  # type: ignore[no-untyped-def]
     # by how much each candidate lowers the error (OLS), or how much it correlates; 0 for what is nearly spanned by the picks
     last = len(correlations) - 1
@@ -172,7 +173,7 @@ def _score(correlations, norms, before, scores, rule):  # type: ignore[no-untype
         scores[i] = (total / norms[i] if rule == OLS else total) if norms[i] > LEAST_REMAINDER * before[i] else 0.0
 
 
-@njit(cache=True, error_model="numpy", nogil=True, fastmath={"nnan", "nsz", "reassoc"})
+@njit(cache=True, error_model="numpy", nogil=True, no_cfunc_wrapper=True, no_cpython_wrapper=True, fastmath={"nnan", "nsz", "reassoc"})
 def _highest(scores):  # type: ignore[no-untyped-def]
     # the maximum, in any order: it is one of the values all the same
     highest = 0.0
@@ -181,13 +182,13 @@ def _highest(scores):  # type: ignore[no-untyped-def]
     return highest
 
 
-@njit(cache=True, error_model="numpy", nogil=True)
+@inner_kernel
 def _subtract(target, factor, source):  # type: ignore[no-untyped-def]
     for i in range(len(target)):
         target[i] -= factor * source[i]
 
 
-@njit(cache=True, error_model="numpy", nogil=True)
+@inner_kernel
 def _subtract_rows(target, factors, rows, count):  # type: ignore[no-untyped-def]
     # four at a time: the target is read and written a quarter as often
     whole = count - count % 4
@@ -200,7 +201,7 @@ def _subtract_rows(target, factors, rows, count):  # type: ignore[no-untyped-def
         _subtract(target, factors[j], rows[j])
 
 
-@njit(cache=True, error_model="numpy", nogil=True)
+@inner_kernel
 def _inner(design, gram, best, row):  # type: ignore[no-untyped-def]
     # inner products of the best candidate with all
     if len(gram):
@@ -213,7 +214,7 @@ def _inner(design, gram, best, row):  # type: ignore[no-untyped-def]
             _subtract(row, -design[n, best], design[n])
 
 
-@njit(cache=True, error_model="numpy", nogil=True)
+@kernel
 def _weigh_range(design, found, rests, weights, errors):  # type: ignore[no-untyped-def]
     # twice w += (L L^T)^-1 D^T (y - D w), with D (n, m) the picked columns; then |y - D w|^2
     (used, picks, factors), (n, k) = found, rests.shape[1:]
@@ -238,7 +239,7 @@ def _weigh_range(design, found, rests, weights, errors):  # type: ignore[no-unty
                 errors[row] += left[j, x] * left[j, x]
 
 
-@njit(cache=True, error_model="numpy", nogil=True)
+@inner_kernel
 def _solve(lower, columns, left, m, step):  # type: ignore[no-untyped-def]
     # the first m of step = (L L^T)^-1 D^T left
     for i in range(m):

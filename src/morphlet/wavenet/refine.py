@@ -22,6 +22,7 @@ from numba import njit
 
 from morphlet import _arrays
 from morphlet.errors import InputError
+from morphlet.numerics.compiled import inner_kernel, kernel
 from morphlet.numerics.threads import each
 from morphlet.wavenet.blocks import NetworkTable
 from morphlet.wavenet.library import Wavelets, affine_basis, fitting, sampled
@@ -412,7 +413,7 @@ def _gathered(signals: _Signals, found: list[_Row]) -> Refined:
     return Refined(table, np.array([row.trace[-1] for row in found]), tuple(row.trace for row in found))
 
 
-@njit(cache=True, error_model="numpy", nogil=True, fastmath={"reassoc", "contract"})
+@njit(cache=True, error_model="numpy", nogil=True, no_cfunc_wrapper=True, no_cpython_wrapper=True, fastmath={"reassoc", "contract"})
 def _dot(a, b, first, last):  # type: ignore[no-untyped-def]
     # Sum of a[j] b[j] for first <= j < last. The terms may be added in any order, which is the same in each call: this is
     # what lets the compiler use vector instructions, and rounding is no worse.
@@ -422,7 +423,7 @@ def _dot(a, b, first, last):  # type: ignore[no-untyped-def]
     return total
 
 
-@njit(cache=True, error_model="numpy", nogil=True)
+@inner_kernel
 def _cholesky(a):  # type: ignore[no-untyped-def]
     # Overwrites the lower triangle of a (m, m) by its Cholesky factor, diagonal inverted; False if it has none.
     for i in range(len(a)):
@@ -439,7 +440,7 @@ def _cholesky(a):  # type: ignore[no-untyped-def]
     return True
 
 
-@njit(cache=True, error_model="numpy", nogil=True)
+@inner_kernel
 def _solve(factor, b):  # type: ignore[no-untyped-def]
     # Overwrites b (m,) by the solution, with a factor of `_cholesky` (m, m).
     for i in range(len(b)):
@@ -452,7 +453,7 @@ def _solve(factor, b):  # type: ignore[no-untyped-def]
             b[j] -= factor[i, j] * b[i]
 
 
-@njit(cache=True, error_model="numpy", nogil=True)
+@kernel
 def _columns(samples, tables, kinds, theta, columns, ranges):  # type: ignore[no-untyped-def]
     # From samples (3, n), tables (l, c, 4), kinds (w,) and theta (2, w) to columns (3, 2 + w, n): the two affine ones, then
     # psi((x - t) / d) of each wavelet; its derivatives by t / d and by log d follow. Only what lies in ranges (2 + w, 2) is set.
@@ -481,7 +482,7 @@ def _columns(samples, tables, kinds, theta, columns, ranges):  # type: ignore[no
         ranges[2 + i, 0], ranges[2 + i, 1] = min(first, last), last
 
 
-@njit(cache=True, error_model="numpy", nogil=True)
+@kernel
 def _evaluate(columns, ranges, sizes, factor, weights, rest):  # type: ignore[no-untyped-def]
     # With columns (m, n), ranges (m, 2), sizes (m - 2,) of the penalties, and the signal in rest (k, n): fills factor (m, m)
     # of the normal equations and weights (k, m), and takes from rest what they make. Returns the objective, squared errors
@@ -510,7 +511,7 @@ def _evaluate(columns, ranges, sizes, factor, weights, rest):  # type: ignore[no
     return sse + RIDGE * penalty, sse
 
 
-@njit(cache=True, error_model="numpy", nogil=True)
+@kernel
 def _derivatives(columns, ranges, sizes, factor, weights, rest):  # type: ignore[no-untyped-def]
     # Half the Gauss-Newton matrix (2 w, 2 w), lower triangle, and half the gradient (2 w,) of the objective by t / d of all
     # w = m - 2 wavelets, then by log d. Kaufman's Jacobian: derivatives of the columns, (3, m, n), times their weights (k, m),
@@ -543,7 +544,7 @@ def _derivatives(columns, ranges, sizes, factor, weights, rest):  # type: ignore
     return hessian, gradient
 
 
-@njit(cache=True, error_model="numpy", nogil=True)
+@inner_kernel
 def _move(hessian, gradient, damping, theta, moved, narrowest):  # type: ignore[no-untyped-def]
     # A damped step from theta (2, w) to moved (2, w), within the bounds; False if the matrix has no factor.
     w = theta.shape[1]
@@ -563,7 +564,7 @@ def _move(hessian, gradient, damping, theta, moved, narrowest):  # type: ignore[
     return True
 
 
-@njit(cache=True, error_model="numpy", nogil=True)
+@kernel
 def _descend(samples, tables, y, kinds, theta, steps):  # type: ignore[no-untyped-def]
     # Levenberg-Marquardt from theta (2, w), overwritten, for y (k, n), with samples (3, n), tables (l, c, 4) and kinds (w,).
     # Neither the objective nor the squared error, which it returns, ever rises. Two slots: where it is, and what it tries.
@@ -606,7 +607,7 @@ def _descend(samples, tables, y, kinds, theta, steps):  # type: ignore[no-untype
     return sse
 
 
-@njit(cache=True, error_model="numpy", nogil=True)
+@kernel
 def _project(samples, tables, y, kinds, theta):  # type: ignore[no-untyped-def]
     # Orthonormal columns (2 + w, n) that span the affine functions and the wavelets, 0 for one that adds nothing, and what
     # they leave of y (k, n). Gram-Schmidt, twice.
@@ -630,7 +631,7 @@ def _project(samples, tables, y, kinds, theta):  # type: ignore[no-untyped-def]
     return Q, rest
 
 
-@njit(cache=True, error_model="numpy", nogil=True)
+@kernel
 def _best(Q, rest, values, offsets, first, inside):  # type: ignore[no-untyped-def]
     # The candidate, with values[offsets[i] : offsets[i + 1]] from sample first[i] on, that lowers the squared error most beside
     # Q (m, n), where rest (k, n) is left: the largest correlation^2 / remainder. Remainders are only computed where they can
