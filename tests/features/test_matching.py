@@ -1,6 +1,7 @@
 """Matching: identity, motion and numbering, left and right, what the user fixes, what cannot be told, poses of public animals."""
 
 import pickle
+from dataclasses import replace
 from functools import cache
 
 import numpy as np
@@ -9,8 +10,20 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from morphlet import InputError, Mesh, MeshError, VertexPairs, read_pairs, repair
-from morphlet.features.matching import ENOUGH, MatchOptions, _marks, _problem, contradicts, match
+from morphlet.features.matching import (
+    ENOUGH,
+    WORTH,
+    MatchOptions,
+    _differences,
+    _displaced,
+    _marks,
+    _problem,
+    candidates,
+    contradicts,
+    match,
+)
 from morphlet.features.regions import Regions, find_regions
+from morphlet.samples.anatomy import SPECIES
 from morphlet.samples.creatures import Creature
 from morphlet.samples.poses import POSES
 from morphlet.surface.distance import distances
@@ -196,7 +209,7 @@ def test_one_fixed_pair_settles_left_and_right_without_volumes():
     foot = int(source.tips[np.argmin(source.mesh.vertices[source.tips, 1])])
     chosen = MatchOptions(turn=0)
     loose, settled = match(source, target, options=chosen), match(source, target, fixed=VertexPairs([foot], [foot]), options=chosen)
-    assert settled.margin >= loose.margin  # equal where the rival exchanges the ears only
+    assert settled.margin >= loose.margin - 1e-12  # equal where the rival exchanges the ears only
     tips = np.array([k for k, label in enumerate(settled.pairs.labels) if label.startswith(("tip", "given"))])
     assert off(source, target, settled.pairs, np.arange(source.mesh.n_vertices))[tips].max() < LIMB
 
@@ -292,3 +305,67 @@ def _lookup(markers: VertexPairs) -> np.ndarray:
     table = np.zeros(markers.source.max() + 1, np.int64)
     table[markers.source] = markers.target
     return table
+
+
+def test_limbs_that_are_longer_as_a_whole_sit_where_they_sat():
+    """Distances of a tree: limbs of any length on trunk places; other lengths explain all of the difference, another place does not."""
+    rng = np.random.default_rng(0)
+    places, limbs, others = rng.random((6, 3)), rng.random(6), rng.random(6)
+    trunk = np.linalg.norm(places[:, None] - places, axis=2)
+
+    def tree(lengths, order):
+        between = trunk[np.ix_(order, order)] + lengths[:, None] + lengths
+        return between * (1 - np.eye(6))
+
+    same, turned = np.arange(6), np.roll(np.arange(6), 1)
+    assert _displaced(tree(limbs, same), tree(others, same)) == pytest.approx(0, abs=1e-9)
+    assert _displaced(tree(limbs, same), tree(others, turned)) > 1
+    three = np.ix_(range(3), range(3))
+    assert _displaced(tree(limbs, same)[three], tree(others, same)[three]) == _differences(
+        tree(limbs, same)[three], tree(others, same)[three]
+    )
+    assert _differences(tree(limbs, same), tree(others, same)) > 1
+
+
+@cache
+def deer() -> Regions:
+    return find_regions(Creature.prepare("grazer", 2500).mesh)
+
+
+def test_candidates_contradict_each_other_and_begin_with_the_best():
+    found = candidates(deer(), fox())
+    assert found[0].regions.tolist() == match(deer(), fox()).regions.tolist()
+    assert found[0].contested
+    assert found[0].ambiguous
+    assert "nearly as good" in found[0].warnings[0]
+    assert len(found) > 2
+    costs = [one.cost for one in found]
+    assert costs == sorted(costs)
+    assert costs[-1] <= costs[0] + WORTH
+    for k, one in enumerate(found):
+        assert all(other.contradictions(one) > 0 for other in found[:k])
+        assert one.contradictions(one) == 0
+    assert all(one.margin < 0 for one in found[1:])
+
+
+def test_what_is_not_contested_has_no_other_candidates():
+    assert len(candidates(star(), star())) == 1
+    foot = int(deer().tips[0])
+    assert all(one.regions[-1].tolist() == [0, 2] for one in candidates(deer(), fox(), VertexPairs([foot], [int(fox().tips[2])])))
+
+
+def test_among_the_candidates_of_two_animals_is_the_right_one():
+    """Tips of a deer and of the same deer with a fox's proportions, told apart by the truth."""
+    other = find_regions(Creature.prepare("grazer", 2500).posed(proportions=SPECIES["predator"]))
+    truth = np.arange(deer().mesh.n_vertices)
+    right = [np.max(off(deer(), other, one.pairs, truth)[:-1]) < LIMB for one in candidates(deer(), other)]
+    assert any(right)
+
+
+def test_contradictions_are_counted_in_pairs():
+    one, two = match(star(), star()), match(star(), find_regions(bumpy(DIRECTIONS, HEIGHTS)))
+    swapped = replace(one, regions=one.regions[[1, 0, 2, 3, 4, 5]])
+    assert one.contradictions(swapped) == 0  # the order is of no account
+    crossed = replace(one, regions=np.column_stack([one.regions[:, 0], one.regions[[1, 0, 2, 3, 4, 5], 1]]))
+    assert one.contradictions(crossed) == 2
+    assert one.contradictions(two) == 0

@@ -9,10 +9,11 @@ from mapping import stars
 from morphlet import Cancelled, InputError, Mesh, SolveError, VertexPairs
 from morphlet.io.pairs import read_pairs
 from morphlet.mapping import embedding as module
-from morphlet.mapping.embedding import Embedding, EmbeddingOptions, embed, leave_one_out
+from morphlet.mapping.embedding import Embedding, EmbeddingOptions, embed, leave_one_out, sketch
 from morphlet.mapping.laying import Laying, Target
 from morphlet.numerics.optimize import Step
 from morphlet.numerics.threads import limited
+from morphlet.samples.anatomy import SPECIES
 from morphlet.samples.copies import remeshed
 from morphlet.samples.creatures import Creature
 from morphlet.samples.poses import POSES
@@ -246,7 +247,8 @@ def test_levels_are_fitted_to_the_surface_before_the_full_mesh_is() -> None:
     mesh = blob(4)
     found = embed(close(mesh), stars.radial_map(mesh), VertexPairs([0, 20, 40], [0, 20, 40]), QUICK)
     stages = list(dict.fromkeys(step.stage for step in found.trace.steps))
-    assert stages[-6:] == ["metric 800", "chord 800", "metric 1600", "chord 1600", "metric 2562", "polish"]
+    levels = [f"{stage} {n}" for n in (800, 1600) for stage in ("metric", "chord", "even")]
+    assert stages[-8:] == [*levels, "metric 2562", "polish"]
     chords = [[s.objective for s in found.trace.steps if s.stage == f"chord {n}" and s.accepted] for n in (800, 1600)]
     assert all(np.all(np.diff(values) < 0) for values in chords)
     assert error(found, mesh.vertices) < 0.3
@@ -260,6 +262,33 @@ def test_leaving_out_the_wrong_pair_lowers_the_energy() -> None:
     assert found.changes[2] == found.changes.min()
     with pytest.raises(InputError, match="at least 3 pairs"):
         leave_one_out(close(mesh), stars.radial_map(mesh), VertexPairs([0, 1], [0, 1]))
+
+
+def test_sketches_tell_right_pairs_from_wrong_ones(grazer: Creature, standing: SphericalMap, six: VertexPairs) -> None:
+    walking = close(grazer.posed(POSES["walking"]))
+    swapped = VertexPairs(six.source, np.array(six.target)[[1, 0, 5, 4, 3, 2]])  # head to tail
+    right, wrong = sketch(walking, standing, [six, swapped])
+    assert right.energy < 0.8 * wrong.energy
+    assert right.shares.sum() == pytest.approx(1)
+    assert 800 <= len(right.vertices) <= VERTICES
+    truth = grazer.mesh.vertices[right.vertices]
+    apart = np.linalg.norm(right.places.positions(standing.surface.mesh) - truth, axis=1)
+    assert right.shares @ apart < 0.03 * np.sqrt(grazer.mesh.area)
+
+
+def test_pairs_that_determine_nothing_have_infinite_energy(grazer: Creature, standing: SphericalMap) -> None:
+    (found,) = sketch(close(grazer.mesh), standing, [VertexPairs([0, 0], [0, 0])])
+    assert found.energy == np.inf
+    assert len(found.vertices) == len(found.places) == 0
+    with pytest.raises(InputError, match="the source column of the pairs"):
+        sketch(close(grazer.mesh), standing, [VertexPairs([10**6], [0])])
+
+
+def test_another_animal_is_found_by_its_proportions(grazer: Creature, six: VertexPairs) -> None:
+    """Legs of six tenths of the length, a tail three times as long: stretched evenly, knees stay knees."""
+    other = grazer.posed(proportions=SPECIES["predator"])
+    found = checked(embed(close(grazer.mesh), spherical_map(other), six))
+    assert error(found, other.vertices) < 1.87  # 1.77; 1.97 against the source's own shape
 
 
 def test_a_wolf_in_another_pose_remeshed() -> None:

@@ -1,13 +1,15 @@
 """Pair the feature regions of two surfaces (step 10 of the paper).
 
-Tips are alike if as much of the surface lies within each distance of them. Pairs of tips are alike if they are as far apart. Triples are
+Tips are alike if as much of the surface lies within each distance of them. Sets of tips are alike if they are as far apart, but for the
+lengths of their limbs: what of the distances between them cannot be explained by making some limbs longer says where they sit. Triples are
 alike if the surface, drawn in space with its distances from the three tips as coordinates, encloses as much volume: a mirror image
 encloses the negative, so this alone tells left from right, on the surface itself, without a map to the sphere. A beam search finds the
-cheapest pairing; its best contradiction, the runner-up, says how far it can be trusted. Then the tips of each pair of regions are compared
+cheapest pairing; its best contradiction, the runner-up, says how far it can be trusted, and where that is not far the other candidates
+are handed out, too. Then the tips of each pair of regions are compared
 with the lesser peaks around them, and the core is placed by its distances from the tips.
 """
 
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass, replace
 from itertools import product
 from typing import Any
@@ -42,12 +44,17 @@ SURE = 0.04
 """Cost by which the pairing within a region must beat its best contradiction; else only the two most alike are paired. Right ones were seen
 from 0.05, a wrong one at 0.02."""
 AMBIGUOUS, UNLIKE = 0.1, 1.75
-"""Margin below which, and cost above which, a matching is not to be trusted, per pair. Poses of one animal: margins from 0.23, costs up to
-1.24, all right. Different animals: 11 right ones with margins from 0.14 and costs up to 1.90, 4 wrong ones with costs from 1.79."""
+"""Margin below which, and cost above which, a matching is not to be trusted, per pair; where the cost is above 1, the margin over the cost.
+23 pairs of poses of one animal: margins from 0.13, costs up to 1.14, all right. 41 pairs of different animals: the 10 wrong ones have
+costs from 1.2 and margins up to 0.104; of the 31 right ones 14 are below these limits, too."""
+WORTH, MOST = 0.3, 12
+"""Candidates cost at most this much more than the best, per pair, and there are at most so many."""
 MIRRORED = 0.2
 """Cost by which the mirror image may fit better, per pair: up to 0.04 for symmetric animals, 0.7 for a shape without symmetry."""
 CORE, CORE_LABEL = 0.25, "core"
 """Weight of the pair of cores, which are found less exactly than tips, and its label."""
+LIMBS = 4
+"""Pairs from which on limbs may be longer or shorter at no cost: the distances of three tips could all be explained by that."""
 FEWEST, ENOUGH = 3, 4
 """Pairs without which no map can be started, and below which one had better not be."""
 NEAR = 0.1
@@ -61,6 +68,8 @@ FEW = "only {count} pairs of regions or landmarks, of {tips} tips: give more lan
 
 Pairing = tuple[tuple[int, int], ...]
 """Landmarks of the source and of the target that go together."""
+Comparison = Callable[[np.ndarray, np.ndarray], float]
+"""How unlike two matrices of distances are."""
 
 
 @dataclass(frozen=True)
@@ -72,7 +81,7 @@ class MatchOptions:
     shape
         Weight of the share of the surface within some distances of a tip (mean absolute difference of logarithms).
     length
-        Weight of the distances between tips (relative difference).
+        Weight of the distances between tips (relative difference, as far as limbs that are longer as a whole do not explain it).
     turn
         Weight of the volumes of triples, which tell left from right, in units of `VOLUME`.
     miss
@@ -151,12 +160,15 @@ class _Problem:
     ----------
     unary
         Cost of each pair by itself; infinite where it is forbidden.
+    compared
+        How unlike the distances between some landmarks are: sum of relative differences.
     """
 
     source: _Marks
     target: _Marks
     unary: Float[np.ndarray, "a b"]
     options: MatchOptions
+    compared: Comparison
 
     def added(self, pairing: Pairing, i: int) -> Float[np.ndarray, "b"]:
         """Cost of landmark i with each of the target, beside pairs already made."""
@@ -179,7 +191,7 @@ class _Problem:
             k, m = np.array(pairing).T
             cost += self.unary[k, m].sum()
         if p > 1:
-            cost += self.options.length * _difference(self.source.apart[np.ix_(k, k)], self.target.apart[np.ix_(m, m)]).sum() / (p - 1)
+            cost += self.options.length * self.compared(self.source.apart[np.ix_(k, k)], self.target.apart[np.ix_(m, m)]) / (p - 1)
         if p > 2:
             turned = self.source.volumes[np.ix_(k, k, k)] - self.target.volumes[np.ix_(m, m, m)]
             cost += self.options.turn * np.abs(turned).sum() / ((p - 1) * (p - 2))
@@ -204,10 +216,26 @@ def _difference(a: np.ndarray, b: np.ndarray) -> np.ndarray:
     return np.abs(a - b) / np.maximum(np.maximum(a, b), np.finfo(float).tiny)
 
 
+def _differences(near: Float[np.ndarray, "p p"], far: Float[np.ndarray, "p p"]) -> float:
+    """Sum of the relative differences of distances."""
+    return float(_difference(near, far).sum())
+
+
+def _displaced(near: Float[np.ndarray, "p p"], far: Float[np.ndarray, "p p"]) -> float:
+    """Sum of the relative differences of distances that remain when each limb may be longer by some length (least squares)."""
+    p, (i, j) = len(near), np.triu_indices(len(near), 1)
+    if p < LIMBS:
+        return _differences(near, far)
+    scale = np.maximum(np.maximum(near, far)[i, j], np.finfo(float).tiny)
+    limbs = (np.eye(p)[i] + np.eye(p)[j]) / scale[:, None]
+    gaps = (near - far)[i, j] / scale
+    return 2 * float(np.abs(gaps - limbs @ np.linalg.lstsq(limbs, gaps)[0]).sum())
+
+
 def _problem(source: _Marks, target: _Marks, options: MatchOptions) -> _Problem:
     """Everything allowed."""
     ratio = np.log(source.shares)[:, None] - np.log(target.shares)
-    return _Problem(source, target, options.shape * np.mean(np.abs(ratio), axis=2), options)
+    return _Problem(source, target, options.shape * np.mean(np.abs(ratio), axis=2), options, _displaced)
 
 
 def contradicts(one: Pairing, other: Pairing) -> bool:
@@ -229,7 +257,7 @@ class Matching:
     cost
         Mean cost of a pair, misses included; 0 for identical surfaces.
     runner_up
-        The same of the best pairing that contradicts this one; None if there is none.
+        The same of the best pairing that contradicts this one; None if there is none. Less than `cost` if this is not the cheapest.
     reflected
         The mean cost with the mirror image of the target.
     n_tips
@@ -267,23 +295,39 @@ class Matching:
     @property
     def ambiguous(self) -> bool:
         """Whether another pairing is nearly as good, or even this one is bad, or the mirror image much better."""
-        return self._rivalled or self._mirrored or self.cost > UNLIKE
+        return self.contested or self.strange
+
+    @property
+    def contested(self) -> bool:
+        """Whether another pairing is nearly as good: the poorer this one, the larger its margin must be."""
+        return self.margin is not None and self.margin < AMBIGUOUS * max(self.cost, 1.0)
+
+    @property
+    def strange(self) -> bool:
+        """Whether even this one is bad, or the mirror image much better."""
+        return self._mirrored or self.cost > UNLIKE
 
     @property
     def warnings(self) -> tuple[str, ...]:
         """What a person should know before relying on the pairs, in sentences."""
-        told = ((self._rivalled, RIVAL), (self._mirrored, MIRROR), (self.cost > UNLIKE, STRANGE), (len(self.pairs) - 1 < ENOUGH, FEW))
+        return ((RIVAL.format(margin=self.margin),) if self.contested else ()) + self.doubts
+
+    @property
+    def doubts(self) -> tuple[str, ...]:
+        """The same without what other pairings have to do with it."""
+        told = ((self._mirrored, MIRROR), (self.cost > UNLIKE, STRANGE), (len(self.pairs) - 1 < ENOUGH, FEW))
         tips = " and ".join(map(str, self.n_tips))
-        numbers = {"margin": self.margin, "cost": self.cost, "reflected": self.reflected}
+        numbers = {"cost": self.cost, "reflected": self.reflected}
         return tuple(text.format(**numbers, count=len(self.pairs) - 1, tips=tips) for holds, text in told if holds)
+
+    def contradictions(self, other: "Matching") -> int:
+        """How many pairs of regions of another matching cannot stand beside those of this one."""
+        forth, back = dict(self.regions.tolist()), {j: i for i, j in self.regions.tolist()}
+        return sum(forth.get(i, j) != j or back.get(j, i) != i for i, j in other.regions.tolist())
 
     @property
     def _mirrored(self) -> bool:
         return self.cost - self.reflected > MIRRORED
-
-    @property
-    def _rivalled(self) -> bool:
-        return self.margin is not None and self.margin < AMBIGUOUS
 
 
 def match(
@@ -334,22 +378,117 @@ def match(
     >>> len(found.regions) >= 6, found.ambiguous  # nose, tail and feet; the ears stand out hardly enough to count
     (True, False)
     """
-    given = _given(source, target, fixed)
-    problem = _problem(_marks(source, given.source), _marks(target, given.target), options or MatchOptions())
-    _forbid(problem, (source, target), forbidden, given)
-    start = tuple((len(source.landmarks) + k, len(target.landmarks) + k) for k in range(len(given)))
-    rows, columns = problem.source.free(range(len(source)), len(given)), problem.target.free(range(len(target)), len(given))
-    found = problem.cheapest(start, rows, columns)
-    cost, best = found[0]
-    if len(best) < FEWEST:
-        raise _too_few(len(best), source, target)
-    rival = next((other for other, pairing in found[1:] if contradicts(best, pairing)), None)
-    count = (len(rows) + len(columns)) / 2 + len(start)  # a tip without partner is half a pair
-    image = replace(problem, target=replace(problem.target, volumes=-problem.target.volumes)).cheapest(start, rows, columns)[0][0]
-    pairs = _pairs(problem, _located(problem, best, (source, target)), (source, target), given)
-    regions = [*best[len(start) :], *_taken(problem, start, (source, target))]
-    costs = (cost / count, None if rival is None else rival / count, image / count)
-    return Matching(np.array(regions), pairs, *costs, (len(source), len(target)))
+    return _Search.prepare(source, target, (fixed, forbidden), options or MatchOptions()).best()
+
+
+def candidates(
+    source: Regions,
+    target: Regions,
+    fixed: VertexPairs | None = None,
+    forbidden: VertexPairs | None = None,
+    options: MatchOptions | None = None,
+) -> tuple[Matching, ...]:
+    """The best pairing of the feature regions, and where that is contested the others that are worth a try.
+
+    Parameters
+    ----------
+    source, target, fixed, forbidden, options
+        As for `match`.
+
+    Returns
+    -------
+    matchings
+        What `match` finds; if its margin is small, then up to `MOST` in all, cheapest first, none more than `WORTH` above the best, each
+        contradicting all before.
+
+    Raises
+    ------
+    MeshError, InputError
+        As `match`.
+
+    Notes
+    -----
+    Head and tail, or left and right, of animals of different proportions cannot always be told by their tips: try the candidates, for
+    instance by `embedding.sketch`.
+
+    Examples
+    --------
+    >>> from morphlet import creature
+    >>> from morphlet.features.matching import candidates
+    >>> from morphlet.features.regions import find_regions
+    >>> deer, fox = (find_regions(creature(name, n_vertices=2000)) for name in ("grazer", "predator"))
+    >>> len(candidates(deer, deer)), len(candidates(deer, fox)) > 2
+    (1, True)
+    """
+    search = _Search.prepare(source, target, (fixed, forbidden), options or MatchOptions())
+    best = search.best()
+    return (best, *map(search.matching, search.others())) if best.contested else (best,)
+
+
+@dataclass(frozen=True, eq=False)
+class _Search:
+    """All that was found for two surfaces.
+
+    Parameters
+    ----------
+    start
+        The user's pairs among the landmarks.
+    found
+        Pairings and their costs, cheapest first.
+    count
+        Number of pairs that there could be; a tip without partner is half a pair.
+    reflected
+        Cost of the cheapest pairing with the mirror image.
+    """
+
+    problem: _Problem
+    surfaces: tuple[Regions, Regions]
+    given: VertexPairs
+    start: Pairing
+    found: list[tuple[float, Pairing]]
+    count: float
+    reflected: float
+
+    @staticmethod
+    def prepare(
+        source: Regions, target: Regions, wishes: tuple[VertexPairs | None, VertexPairs | None], options: MatchOptions
+    ) -> "_Search":
+        """Find the pairings; `wishes` are the fixed and the forbidden pairs."""
+        given = _given(source, target, wishes[0])
+        problem = _problem(_marks(source, given.source), _marks(target, given.target), options)
+        _forbid(problem, (source, target), wishes[1], given)
+        start = tuple((len(source.landmarks) + k, len(target.landmarks) + k) for k in range(len(given)))
+        rows, columns = problem.source.free(range(len(source)), len(given)), problem.target.free(range(len(target)), len(given))
+        found = problem.cheapest(start, rows, columns)
+        if len(found[0][1]) < FEWEST:
+            raise _too_few(len(found[0][1]), source, target)
+        mirror = replace(problem, target=replace(problem.target, volumes=-problem.target.volumes))
+        count = (len(rows) + len(columns)) / 2 + len(start)
+        return _Search(problem, (source, target), given, start, found, count, mirror.cheapest(start, rows, columns)[0][0])
+
+    def best(self) -> Matching:
+        """The cheapest."""
+        return self.matching(self.found[0])
+
+    def others(self) -> list[tuple[float, Pairing]]:
+        """Pairings that are nearly as cheap, each contradicting all before."""
+        kept = self.found[:1]
+        for cost, pairing in self.found:
+            if cost > self.found[0][0] + WORTH * self.count or len(kept) == MOST:
+                break
+            if len(pairing) >= FEWEST and all(contradicts(other, pairing) for _, other in kept):
+                kept.append((cost, pairing))
+        return kept[1:]
+
+    def matching(self, one: tuple[float, Pairing]) -> Matching:
+        """A pairing as regions and vertices."""
+        cost, pairing = one
+        rival = next((other for other, another in self.found if contradicts(pairing, another)), None)
+        pairs = _pairs(self.problem, _located(self.problem, pairing, self.surfaces), self.surfaces, self.given)
+        regions = [*pairing[len(self.start) :], *_taken(self.problem, self.start, self.surfaces)]
+        costs = (cost / self.count, None if rival is None else rival / self.count, self.reflected / self.count)
+        source, target = self.surfaces
+        return Matching(np.array(regions), pairs, *costs, (len(source), len(target)))
 
 
 def _given(source: Regions, target: Regions, fixed: VertexPairs | None) -> VertexPairs:
@@ -392,8 +531,9 @@ def _too_few(count: int, source: Regions, target: Regions) -> MeshError:
 def _located(problem: _Problem, best: Pairing, surfaces: tuple[Regions, Regions]) -> list[tuple[int, int]]:
     """For each pair of regions the tips and details in them that go together; the two most alike where that is not sure."""
     given = len(problem.source.fields) - len(surfaces[0].landmarks)
-    eased = replace(problem.options, miss=problem.total(best, 0) / len(best) + SLACK)
-    local, out = replace(problem, options=eased), list(best[:given])
+    strict = replace(problem, compared=_differences)  # where on a limb is a question of lengths
+    eased = replace(problem.options, miss=strict.total(best, 0) / len(best) + SLACK)
+    local, out = replace(strict, options=eased), list(best[:given])
     for tips in best[given:]:
         start = tuple(pair for pair in best if pair != tips)
         marks = (problem.source, problem.target)

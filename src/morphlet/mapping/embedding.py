@@ -3,10 +3,11 @@
 The source is collapsed to a tetrahedron, paired vertices last, and comes back on the bare sphere up to some hundred vertices. There it
 is turned towards the paired points of the target and dragged onto them, while the round metric gives way to the target's (smoothed).
 Then the vertices come back in batches, each put into the kernel of its ring and relaxed in the target's metric, ever less smoothed;
-at last the whole mesh is polished against the target's surface itself. No step folds a triangle, pairs pull to the end, and exact
-signs certify the result: a one-to-one map between the two surfaces.
+at last the whole mesh is polished against the target's surface itself, where in the end only uneven stretch counts. No step folds a
+triangle, pairs pull to the end, and exact signs certify the result: a one-to-one map between the two surfaces.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -21,6 +22,7 @@ from morphlet.sphere.embed import LADDER, Recorder
 from morphlet.sphere.map import SphericalMap
 from morphlet.sphere.quality import Certificate, certificate
 from morphlet.surface.pairs import VertexPairs
+from morphlet.surface.points import SurfacePoints
 from morphlet.surface.repair import Repaired
 
 MET = 1e-3
@@ -50,7 +52,7 @@ class Embedding:
     closed_points
         A unit vector on the target's sphere for each vertex of the closed source.
     energy
-        Distortion that was minimised, divided by 4 pi: lower is better, for one pair of meshes and one set of options.
+        Distortion of the source's own shape, divided by 4 pi: lower is better, for one pair of meshes and one set of options.
     trace
         How the optimisation went; `attempt` is the rung of the ladder that held.
     """
@@ -217,6 +219,73 @@ def leave_one_out(source: Repaired, target: SphericalMap, pairs: VertexPairs, on
         some = VertexPairs(pairs.source[kept], pairs.target[kept], np.array(pairs.weight)[kept])
         energies.append(_laid(source, prepared, some, (SHORT, None), on_step).energy)
     return LeaveOneOut(energies[0], np.array(energies[1:]))
+
+
+@dataclass(frozen=True, eq=False)
+class Sketch:
+    """A coarse map: some vertices of the closed source on the closed target.
+
+    Parameters
+    ----------
+    energy
+        Distortion, divided by 4 pi, lower is better; infinite if no map was found at the first attempt.
+    vertices
+        Vertices of the source.
+    shares
+        Share of the source's area around each.
+    places
+        Where they lie on the target.
+    """
+
+    energy: float
+    vertices: Int[np.ndarray, "k"]
+    shares: Float[np.ndarray, "k"]
+    places: SurfacePoints
+
+
+def sketch(source: Repaired, target: SphericalMap, candidates: Sequence[VertexPairs], on_step: OnStep | None = None) -> tuple[Sketch, ...]:
+    """Coarse maps to which several sets of pairs lead: how well does each fit the surfaces between the pairs?
+
+    Parameters
+    ----------
+    source, target, on_step
+        As for `embed`.
+    candidates
+        Sets of pairs.
+
+    Raises
+    ------
+    InputError
+        If pairs do not fit the meshes.
+
+    Notes
+    -----
+    The maps have some 800 vertices of the source: 0.8 CPU s each. Pairs on one line, which determine no rotation, have infinite energy.
+
+    Examples
+    --------
+    >>> from morphlet import Mesh, VertexPairs, spherical_map
+    >>> from morphlet.numerics.unit_sphere import icosphere
+    >>> from morphlet.surface.repair import close
+    >>> points, faces = icosphere(2)
+    >>> egg = Mesh(points * [1.0, 1.2, 1.6], faces)
+    >>> right, wrong = VertexPairs([0, 1, 2, 11], [0, 1, 2, 11]), VertexPairs([0, 1, 2, 11], [1, 2, 0, 40])
+    >>> found = sketch(close(egg), spherical_map(egg), [right, wrong])
+    >>> found[0].energy < found[1].energy
+    True
+    """
+    prepared = Target.prepare(target)
+    return tuple(_sketched(source, prepared, pairs.checked(source.source, target.mesh), on_step) for pairs in candidates)
+
+
+def _sketched(source: Repaired, target: Target, pairs: VertexPairs, on_step: OnStep | None) -> Sketch:
+    """One of them."""
+    try:
+        energy, level, vertices = Laying(source, target, pairs, LADDER[0], Recorder(on_step)).sketch()
+    except (SolveError, InputError, ZeroDivisionError):
+        return Sketch(np.inf, np.zeros(0, np.int64), np.zeros(0), SurfacePoints(np.zeros(0, np.int64), np.zeros((0, 3))))
+    places = SurfacePoints(*target.locator.locate(level.S))
+    return Sketch(energy / (4 * np.pi), vertices, Laying.shares(level) / (4 * np.pi), places)
 
 
 def _laid(
