@@ -14,7 +14,7 @@ from typing import Any, TypeVar
 
 import numpy as np
 
-from morphlet import Mesh, SphericalMap, SurfacePoints, VertexPairs, correspond_maps, spherical_map
+from morphlet import Mesh, SphericalMap, SurfacePoints, VertexPairs, correspond_maps, laplacian_warp, spherical_map
 from morphlet.features.signature import signature
 from morphlet.mapping.alignment import Alignment, SphereSamples, align_by_pairs, align_by_search
 from morphlet.numerics.rigid import rigid
@@ -99,6 +99,17 @@ def rotation(pair: KnownPair, landmarks: VertexPairs, stock: Stock) -> Answer:
     return Answer(maps[1].locate(turn(maps[0].points)), proof.inverted, proof.degree, "ambiguous" if turn.ambiguous else "")
 
 
+def laplacian(pair: KnownPair, landmarks: VertexPairs, stock: Stock) -> Answer:
+    """The rotation, then `morphlet.laplacian_warp` of the source's sphere: the paper's warp by differential coordinates, which may fold."""
+    maps: list[SphericalMap] = [stock.take("sphere", mesh, spherical_map) for mesh in (pair.source, pair.target)]
+    pairs, said = (landmarks, ()) if len(landmarks) else _matched_tips(pair, stock)
+    goals = maps[1].points[pairs.target]
+    turned = align_by_pairs(maps[0].points[pairs.source], goals)(maps[0].points)
+    warped = laplacian_warp(turned, pair.source.topology, pairs.source, goals)
+    proof = certificate(warped, pair.source.faces)
+    return Answer(maps[1].locate(warped), proof.inverted, proof.degree, "; ".join(said))
+
+
 def pipeline(pair: KnownPair, landmarks: VertexPairs, stock: Stock) -> Answer:
     """`morphlet.correspond_maps` as the package offers it."""
     maps = [stock.take("sphere", mesh, spherical_map) for mesh in (pair.source, pair.target)]
@@ -158,6 +169,7 @@ def functional_oriented(pair: KnownPair, landmarks: VertexPairs, stock: Stock) -
 
 METHODS: dict[str, Method] = {
     "rotation": rotation,
+    "laplacian": laplacian,
     "correspond": pipeline,
     "dense": dense,
     "nearest": nearest_rigid,

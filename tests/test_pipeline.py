@@ -1,6 +1,7 @@
 """The paper on one page, end to end: known answers on procedural shapes, and on public ones where they are at hand."""
 
 import json
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -9,7 +10,8 @@ from scipy.spatial.transform import Rotation
 from mapping.stars import blob, radial_map, relabelled
 from morphlet import Mesh, VertexPairs
 from morphlet.errors import Cancelled, InputError
-from morphlet.pipeline import correspond, correspond_maps, morph, morph_along
+from morphlet.pipeline import CLEAR, correspond, correspond_maps, morph, morph_along
+from morphlet.samples.anatomy import SPECIES
 from morphlet.samples.creatures import Creature
 from morphlet.samples.poses import POSES
 
@@ -81,6 +83,51 @@ def test_two_pairs_are_completed_by_the_regions_matching():
     result = correspond(animal.mesh, animal.mesh, VertexPairs([nose, tail], [nose, tail]))
     assert len(result.pairs) >= 6
     assert {(nose, nose), (tail, tail)} <= set(zip(result.pairs.source.tolist(), result.pairs.target.tolist(), strict=True))
+
+
+@pytest.fixture(scope="module")
+def bred():
+    """A grazer, the same with the proportions of a predator, automatic."""
+    animal = Creature.prepare("grazer", n_vertices=1500)
+    other = animal.posed(proportions=SPECIES["predator"])
+    return other, correspond(animal.mesh, other)
+
+
+def test_animals_of_other_proportions_are_matched_head_to_head(bred):
+    other, result = bred
+    error = np.linalg.norm(result.correspondence.positions - other.vertices, axis=1) / np.sqrt(other.area)
+    assert np.average(error, weights=other.vertex_areas) < 0.035
+    assert result.figures()["folds_sphere"] == 0
+
+
+def test_candidates_that_were_tried_are_told(bred):
+    _, result = bred
+    scores = [one.score for one in result.candidates]
+    assert len(scores) > 1
+    assert scores == sorted(scores)
+    assert result.candidates[0].matching is result.matching
+    assert "coarse maps" in result.warnings[0]
+    assert result.figures()["margin"] == result.margin > 0
+    cheapest = min(result.candidates, key=lambda one: one.matching.cost)
+    assert cheapest.matching is not result.matching, "the cheapest matching is head to tail: nothing was decided here"
+
+
+def test_ambiguity_is_that_of_the_scores(bred):
+    _, result = bred
+    first, *others = result.candidates
+    far = [one for one in others if first.matching.contradictions(one.matching) > 1]
+    assert result.ambiguous == (far[0].score - first.score < CLEAR or first.matching.strange)
+    level = replace(result, candidates=(first, replace(far[0], energy=first.energy, unlikeness=first.unlikeness)))
+    assert level.margin == pytest.approx(far[0].matching.cost - first.matching.cost)
+    assert level.ambiguous == (level.margin < CLEAR or first.matching.strange)
+    lost = replace(result, candidates=tuple(replace(one, energy=np.inf) for one in result.candidates))
+    with np.errstate(invalid="ignore"):
+        assert lost.ambiguous
+
+
+def test_what_is_not_contested_is_not_tried(deer):
+    assert deer[2].candidates == ()
+    assert deer[2].margin == deer[2].matching.margin
 
 
 def test_contradictory_pairs_give_a_map_without_folds_and_are_told(deer):

@@ -59,8 +59,7 @@ def end_of(mapped: SphericalMap) -> Mapped:
 
 def carried_colors(matched: CorrespondResult) -> Float[np.ndarray, "k 3"]:
     """The colours of the source's places at each vertex of the target, back through the map."""
-    back = matched.source_map.locate(matched.target_map.points @ matched.alignment.rotation)
-    return back.matrix(matched.source_map.mesh) @ place_colors(matched.source_map.mesh.vertices)
+    return matched.inverse.pull(place_colors(matched.source_map.mesh.vertices))
 
 
 def correspondence_picture(matched: CorrespondResult) -> Picture:
@@ -100,8 +99,8 @@ def _sections(result: MorphResult, figures: Mapping[str, Any], seen: tuple[Pictu
     sheet, source, target = seen
     table = tuple((name, figures[name], FIGURES[name]) for name in FIGURES if name in figures)
     intro = (
-        "Each mesh was mapped one-to-one to the unit sphere; one sphere was turned onto the other; every vertex of the source "
-        "moves to the place of the target that shares its point on the sphere.",
+        "Each mesh was mapped one-to-one to the unit sphere; the source was laid into the target's sphere without folds; every vertex "
+        "of the source moves to the place of the target that shares its point on the sphere.",
         f"Alignment: {figures.get('alignment', '-')}. Pictures drawn by {sheet.engine} ({sheet.reason}).",
     )
     morph = Section("The morph", intro, table, (Plate(sheet.png, "Source, spheres, target, and frames of the morph"),))

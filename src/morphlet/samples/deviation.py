@@ -12,6 +12,7 @@ from jaxtyping import Float, Int
 from morphlet import _arrays
 from morphlet.errors import InputError
 from morphlet.surface.distance import distances
+from morphlet.surface.insertion import inserted
 from morphlet.surface.mesh import Mesh
 from morphlet.surface.points import SurfacePoints
 
@@ -21,9 +22,6 @@ REACH = 1.15
 """A patch reaches this much farther than the front says the answer lies: fronts are at most 7 % off."""
 SNAP = 1e-4
 """Weights below this are raised to it before a place becomes a vertex, so that no face without area comes about."""
-
-Piece = tuple[Int[np.ndarray, "3"], Float[np.ndarray, "3 3"]]
-"""A part of a face: its vertices, and their weights in the corners of the whole face."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -70,8 +68,8 @@ class Deviation:
         O(n log n) per place, about 8 ms at 8,000 vertices.
         """
         _arrays.index(places.faces, "the faces of the places", (None,), mesh.n_faces)
-        refined, seats = inserted(mesh, places)
-        return Deviation(mesh, places, distances(refined, seats)[:, : mesh.n_vertices])
+        refined = inserted(mesh, places, SNAP)
+        return Deviation(mesh, places, distances(refined.mesh, refined.vertices)[:, : mesh.n_vertices])
 
     def of(self, answers: SurfacePoints) -> Float[np.ndarray, "k"]:
         """Distance of each answer from its place, in mesh units.
@@ -109,63 +107,8 @@ class Deviation:
         part = np.flatnonzero(within)
         used, corners = np.unique(self.mesh.faces[part], return_inverse=True)
         patch = Mesh(self.mesh.vertices[used], corners.reshape(-1, 3))
-        return _shortest(*inserted(patch, SurfacePoints(np.searchsorted(part, two.faces), two.weights)))
-
-
-def inserted(mesh: Mesh, places: SurfacePoints) -> tuple[Mesh, Int[np.ndarray, "k"]]:
-    """The same surface with the places among its vertices, and which vertices they are.
-
-    Parameters
-    ----------
-    mesh
-        Any mesh.
-    places
-        Places on it. One within `SNAP` of a corner of its face is that corner; one within `SNAP` of a side moves that far inside.
-
-    Returns
-    -------
-    mesh, vertices
-        The old vertices come first, in their order.
-
-    Examples
-    --------
-    >>> from morphlet import Mesh, SurfacePoints
-    >>> from morphlet.samples.deviation import inserted
-    >>> triangle = Mesh([[0, 0, 0], [3, 0, 0], [0, 3, 0]], [[0, 1, 2]])
-    >>> inserted(triangle, SurfacePoints([0, 0], [[1 / 3, 1 / 3, 1 / 3], [0, 1, 0]]))
-    (Mesh(4 vertices, 3 faces), array([3, 1]))
-    """
-    seats, n = np.empty(len(places), np.int64), mesh.n_vertices
-    split: dict[int, list[Piece]] = {}
-    positions: list[np.ndarray] = []
-    for k, (face, weights) in enumerate(zip(places.faces.tolist(), places.weights, strict=True)):
-        pieces = split.setdefault(face, [(mesh.faces[face], np.eye(3))])
-        place = max(range(len(pieces)), key=lambda i: float(_local(weights, pieces[i][1]).min()))
-        corners, frame = pieces[place]
-        local = _local(weights, frame)
-        if local.max() > 1 - 2 * SNAP:
-            seats[k] = corners[np.argmax(local)]
-            continue
-        local = np.maximum(local, SNAP) / np.maximum(local, SNAP).sum()
-        seats[k] = n + len(positions)
-        positions.append(local @ frame @ mesh.vertices[mesh.faces[face]])
-        pieces[place : place + 1] = [_piece(pieces[place], c, int(seats[k]), local @ frame) for c in range(3)]
-    whole = np.delete(mesh.faces, list(split), axis=0)
-    faces = [corners for pieces in split.values() for corners, _ in pieces]
-    vertices = np.concatenate([mesh.vertices, np.array(positions).reshape(-1, 3)])
-    return Mesh(vertices, np.concatenate([whole, np.array(faces, np.int64).reshape(-1, 3)])), seats
-
-
-def _piece(whole: Piece, corner: int, vertex: int, weights: Float[np.ndarray, "3"]) -> Piece:
-    """The part of a triangle whose corner has moved to a vertex inside."""
-    corners, frame = np.array(whole[0]), np.array(whole[1])
-    corners[corner], frame[corner] = vertex, weights
-    return corners, frame
-
-
-def _local(weights: Float[np.ndarray, "3"], frame: Float[np.ndarray, "3 3"]) -> Float[np.ndarray, "3"]:
-    """Weights in the corners of a part of the face."""
-    return np.linalg.solve(frame.T, weights)
+        refined = inserted(patch, SurfacePoints(np.searchsorted(part, two.faces), two.weights), SNAP)
+        return _shortest(refined.mesh, refined.vertices)
 
 
 def _longest_sides(mesh: Mesh, faces: Int[np.ndarray, "k"]) -> Float[np.ndarray, "k"]:

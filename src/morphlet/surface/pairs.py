@@ -1,14 +1,15 @@
-"""This vertex of one mesh goes with that of another: what matching yields, and what a marker file is."""
+"""This place of one mesh goes with that of another: vertices, which are what matching yields and marker files hold, or any points."""
 
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from jaxtyping import Float, Int
+from jaxtyping import Bool, Float, Int
 
 from morphlet import _arrays
 from morphlet.errors import InputError
 from morphlet.surface.mesh import Mesh
+from morphlet.surface.points import SurfacePoints
 
 NO_BOUND = np.iinfo(np.int64).max
 """Pairs do not know their meshes: `checked` compares them with their vertex counts."""
@@ -43,12 +44,7 @@ class VertexPairs:
     def __post_init__(self) -> None:
         source = _arrays.index(self.source, "source", (None,), NO_BOUND)
         target = _arrays.index(self.target, "target", (len(source),), NO_BOUND)
-        weight = _arrays.real(np.ones(len(source)) if self.weight is None else self.weight, "weight", (len(source),))
-        if np.any(weight <= 0):
-            raise InputError("positive weights", f"{int(np.sum(weight <= 0))} that are not", "drop these pairs", np.nonzero(weight <= 0)[0])
-        labels = tuple(self.labels) or ("",) * len(source)
-        if len(labels) != len(source):
-            raise InputError(f"{len(source)} labels", str(len(labels)), "give one label per pair, or none")
+        weight, labels = _told(self.weight, self.labels, len(source))
         for name, value in (("source", source), ("target", target), ("weight", weight), ("labels", labels)):
             object.__setattr__(self, name, value)
 
@@ -69,3 +65,89 @@ class VertexPairs:
         _arrays.index(self.source, "the source column of the pairs", (None,), source.n_vertices)
         _arrays.index(self.target, "the target column of the pairs", (None,), target.n_vertices)
         return self
+
+    def answered(self, source: Bool[np.ndarray, "n"], target: Bool[np.ndarray, "n"]) -> "VertexPairs":
+        """These pairs, once it is certain that all their vertices take part in what is made of their meshes.
+
+        Parameters
+        ----------
+        source, target
+            Which vertices do: `valid` of a `Repaired` or a `SphericalMap`.
+
+        Raises
+        ------
+        InputError
+            If a vertex is in no face, or on a part that was dropped.
+        """
+        for name, vertices, valid in (("source", self.source, source), ("target", self.target, target)):
+            lost = vertices[~np.asarray(valid)[vertices]]
+            if len(lost):
+                found = f"{len(lost)} {name} vertices in no face, or on a dropped part"
+                raise InputError("paired vertices on the surfaces that are mapped", found, "drop these pairs", lost)
+        return self
+
+
+@dataclass(frozen=True, eq=False)
+class PointPairs:
+    """p pairs of places anywhere on the faces of two meshes, with weights and labels.
+
+    Parameters
+    ----------
+    source, target
+        Places on the source and on the target mesh.
+    weight
+        Positive importance of each pair; 1 if left out.
+    labels
+        A name per pair; empty if left out.
+
+    Examples
+    --------
+    >>> from morphlet import SurfacePoints
+    >>> from morphlet.surface.pairs import PointPairs
+    >>> middle = SurfacePoints([4], [[1 / 3, 1 / 3, 1 / 3]])
+    >>> pairs = PointPairs(middle, SurfacePoints([9], [[0.5, 0.5, 0.0]]), labels=("navel",))
+    >>> len(pairs), pairs.weight
+    (1, array([1.]))
+    """
+
+    source: SurfacePoints
+    target: SurfacePoints
+    weight: Float[np.ndarray, "p"] | None = None
+    labels: tuple[str, ...] = ()
+
+    def __post_init__(self) -> None:
+        p = len(self.source)
+        if len(self.target) != p:
+            raise InputError(f"{p} places on the target", str(len(self.target)), "give one place per place of the source")
+        for name, value in zip(("weight", "labels"), _told(self.weight, self.labels, p), strict=True):
+            object.__setattr__(self, name, value)
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        return PointPairs, (self.source, self.target, np.array(self.weight), self.labels)
+
+    def __len__(self) -> int:
+        return len(self.source)
+
+    def checked(self, source: Mesh, target: Mesh) -> "PointPairs":
+        """These pairs, once it is certain that both meshes have their faces.
+
+        Raises
+        ------
+        InputError
+            If an index is not a face of its mesh.
+        """
+        _arrays.index(self.source.faces, "the source's faces in the pairs", (None,), source.n_faces)
+        _arrays.index(self.target.faces, "the target's faces in the pairs", (None,), target.n_faces)
+        return self
+
+
+def _told(weight: Float[np.ndarray, "p"] | None, labels: tuple[str, ...], p: int) -> tuple[np.ndarray, tuple[str, ...]]:
+    """Weights and labels of p pairs, checked."""
+    checked = _arrays.real(np.ones(p) if weight is None else weight, "weight", (p,))
+    if np.any(checked <= 0):
+        found = f"{int(np.sum(checked <= 0))} that are not"
+        raise InputError("positive weights", found, "drop these pairs", np.nonzero(checked <= 0)[0])
+    names = tuple(labels) or ("",) * p
+    if len(names) != p:
+        raise InputError(f"{p} labels", str(len(names)), "give one label per pair, or none")
+    return checked, names
