@@ -300,3 +300,38 @@ def test_missing_extra_is_named(monkeypatch):
     monkeypatch.setitem(__import__("sys").modules, "sksparse", None)
     with pytest.raises(MissingExtra, match=r"morphlet\[cholmod\]"):
         linalg.factorize(sp.csc_matrix(np.eye(2)), backend="cholmod")
+
+
+def assert_rough(A: sp.csc_matrix, points: np.ndarray | None, backend: linalg.Backend) -> None:
+    """The rough solver, in elimination order, agrees with the exact one to single precision in the energy norm."""
+    L = lower(A)
+    analysis = linalg.analyse(L.indptr, L.indices, points, backend)
+    factor, order = analysis.factor(L.data), analysis.order
+    assert sorted(order) == list(range(A.shape[0]))
+    b = np.random.default_rng(2).normal(size=(A.shape[0], 3))
+    exact, found = factor.solve(b), np.empty_like(b)
+    found[order] = factor.rough()(b[order])
+    error = found - exact
+    assert np.sqrt(np.vdot(error, A @ error) / np.vdot(exact, b)) < 1e-4
+
+
+@backends
+@pytest.mark.parametrize("placed", [False, True])
+def test_rough_solves_of_meshes(backend, placed):
+    assert_rough(grid_laplacian(23, 31), grid_points(23, 31) if placed else None, backend)
+
+
+@backends
+@pytest.mark.parametrize("n", [1, 2, 7, 40])
+def test_rough_solves_of_small_and_dense_matrices(backend, n):
+    """Panels of every width, from one column to all."""
+    B = np.random.default_rng(n).normal(size=(n, n))
+    assert_rough(sp.csc_matrix(B @ B.T + n * np.eye(n)), None, backend)
+    assert_rough(sp.csc_matrix(sp.diags(1.0 + np.arange(n))), None, backend)
+
+
+@backends
+def test_rough_solves_of_nothing(backend):
+    analysis = linalg.analyse(np.zeros(1, int), np.zeros(0, int), backend=backend)
+    assert analysis.factor(np.zeros(0)).rough()(np.zeros((0, 3))).shape == (0, 3)
+    assert len(analysis.order) == 0

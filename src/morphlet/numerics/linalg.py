@@ -41,11 +41,38 @@ class Factor:
         Stored entries of the triangular factor, zeros of its dense blocks among them; None where the backend does not tell.
     answer
         The prepared triangular solves.
+    prepare_rough
+        Prepares a faster solver of single precision, for three right-hand sides in elimination order; None where there is none.
     """
 
     n: int
     nnz: int | None
     answer: Solver
+    prepare_rough: Callable[[], Solver] | None = None
+
+    def rough(self) -> Solver:
+        """A solver for three right-hand sides (n, 3) whose rows, like the answer's, are in elimination order (`Analysis.order`).
+
+        Returns
+        -------
+        solver
+            Good to single precision, some 1e-5 of the answer: for corrections in an iteration that measures its own residual.
+            To double precision where the backend has no faster way.
+
+        Notes
+        -----
+        Preparing it inverts the diagonal blocks of the factor, a tenth of the factorization's work. A solve then is matrix
+        products alone: three times as fast as `solve`.
+
+        Examples
+        --------
+        >>> import numpy as np, scipy.sparse as sp
+        >>> from morphlet.numerics.linalg import factorize
+        >>> solver = factorize(sp.csc_matrix(np.diag([2.0, 4.0]))).rough()
+        >>> round(float(solver(np.array([[2.0, 4.0, 6.0], [2.0, 4.0, 6.0]])).max()), 5)
+        3.0
+        """
+        return self.answer if self.prepare_rough is None else self.prepare_rough()
 
     def solve(self, b: Float[np.ndarray, "n *k"]) -> Float[np.ndarray, "n *k"]:
         """The x with A x = b, one column per right-hand side.
@@ -95,6 +122,9 @@ class Analysis:
         Entries of the lower triangle.
     backend
         Who factors.
+    order
+        The unknowns as they are eliminated, where the backend tells (as they are numbered elsewhere): neighbours in it share
+        memory, so data kept in this order is read faster.
     numeric
         The prepared numeric factorization of checked values.
     """
@@ -102,6 +132,7 @@ class Analysis:
     n: int
     n_values: int
     backend: Backend
+    order: Int[np.ndarray, "n"]
     numeric: Callable[[np.ndarray], Factor]
 
     def factor(self, values: Float[np.ndarray, "z"]) -> Factor:
@@ -176,7 +207,7 @@ def analyse(
     pattern = _pattern(indptr, indices)
     n = pattern.shape[0]
     places = None if points is None else _places(points, n)
-    return Analysis(n, pattern.nnz, backend, _PREPARE[backend](pattern, places))
+    return Analysis(n, pattern.nnz, backend, *_PREPARE[backend](pattern, places))
 
 
 def factorize(
@@ -234,6 +265,10 @@ def _lower(matrix: sp.csc_matrix) -> sp.csc_matrix:
     return lower
 
 
+Prepared = tuple[Int[np.ndarray, "n"], Callable[[np.ndarray], Factor]]
+"""Elimination order, and the numeric factorization of checked values."""
+
+
 def _pattern(indptr: Any, indices: Any) -> sp.csc_matrix:
     """The checked pattern; its data are the numbers of its entries, from 0."""
     starts = np.array(_arrays.index(indptr, "indptr", (None,), np.size(indices) + 1))
@@ -285,7 +320,7 @@ def _whole(pattern: sp.csc_matrix) -> sp.csc_matrix:
     return whole
 
 
-def _prepare_superlu(pattern: sp.csc_matrix, _points: np.ndarray | None) -> Callable[[np.ndarray], Factor]:
+def _prepare_superlu(pattern: sp.csc_matrix, _points: np.ndarray | None) -> Prepared:
     """SuperLU in symmetric mode: it orders anew for every factorization.
 
     The unknowns are shuffled first: on regular meshes in their natural order its numbers take a hundred times as long.
@@ -299,7 +334,7 @@ def _prepare_superlu(pattern: sp.csc_matrix, _points: np.ndarray | None) -> Call
         matrix = sp.csc_matrix((values[whole.data], whole.indices, whole.indptr), shape=(n, n))
         return _superlu(matrix, shuffle) if n else Factor(0, 0, np.array)
 
-    return numeric
+    return np.arange(n), numeric
 
 
 def _superlu(matrix: sp.csc_matrix, shuffle: Int[np.ndarray, "n"]) -> Factor:
@@ -321,23 +356,29 @@ def _superlu(matrix: sp.csc_matrix, shuffle: Int[np.ndarray, "n"]) -> Factor:
     return Factor(len(order), lu.L.nnz, answer)
 
 
-def _prepare_supernodal(pattern: sp.csc_matrix, points: np.ndarray | None) -> Callable[[np.ndarray], Factor]:
+def _prepare_supernodal(pattern: sp.csc_matrix, points: np.ndarray | None) -> Prepared:
     """The package's own Cholesky: everything but the numbers is found once."""
     n = pattern.shape[0]
     if n == 0:
-        return lambda _: Factor(0, 0, np.array)
+        return np.arange(0), lambda _: Factor(0, 0, np.array)
     plan = supernodal.symbolic(pattern, points)
 
     def numeric(values: np.ndarray) -> Factor:
         panels, row = supernodal.factor(plan, values)
         if row >= 0:
             raise _refuse(row, "a pivot that is not positive", n)
-        return Factor(n, len(panels), partial(supernodal.solve, plan, panels))
+        rough = partial(_rough, plan, panels)
+        return Factor(n, len(panels), partial(supernodal.solve, plan, panels), rough)
 
-    return numeric
+    return plan.order, numeric
 
 
-def _prepare_cholmod(pattern: sp.csc_matrix, _points: np.ndarray | None) -> Callable[[np.ndarray], Factor]:
+def _rough(plan: supernodal.Symbolic, panels: np.ndarray) -> Solver:
+    """With the panels inverted."""
+    return partial(supernodal.solve_singly, plan, supernodal.inverse(plan, panels))
+
+
+def _prepare_cholmod(pattern: sp.csc_matrix, _points: np.ndarray | None) -> Prepared:
     """CHOLMOD, supernodal, with its own ordering."""
     try:
         from sksparse import cholmod
@@ -345,7 +386,7 @@ def _prepare_cholmod(pattern: sp.csc_matrix, _points: np.ndarray | None) -> Call
         raise MissingExtra("scikit-sparse for backend 'cholmod'", str(error), "pip install 'morphlet[cholmod]'") from error
     n = pattern.shape[0]
     if n == 0:
-        return lambda _: Factor(0, 0, np.array)
+        return np.arange(0), lambda _: Factor(0, 0, np.array)
     whole = _whole(pattern)
     cholesky = _cholmod_analysed(cholmod, whole) if hasattr(cholmod, "analyze") else partial(_cholmod_whole, cholmod)
 
@@ -353,7 +394,7 @@ def _prepare_cholmod(pattern: sp.csc_matrix, _points: np.ndarray | None) -> Call
         matrix = sp.csc_matrix((values[whole.data], whole.indices, whole.indptr), shape=(n, n))
         return Factor(n, None, cholesky(matrix))
 
-    return numeric
+    return np.arange(n), numeric
 
 
 def _cholmod_analysed(cholmod: Any, whole: sp.csc_matrix) -> Callable[[sp.csc_matrix], Solver]:
@@ -378,7 +419,7 @@ def _cholmod_whole(cholmod: Any, matrix: sp.csc_matrix) -> Solver:
         raise SolveError("a positive definite matrix", str(error), "fix an unknown, add mass, or project the Hessian") from error
 
 
-_PREPARE: dict[str, Callable[[sp.csc_matrix, np.ndarray | None], Callable[[np.ndarray], Factor]]] = {
+_PREPARE: dict[str, Callable[[sp.csc_matrix, np.ndarray | None], Prepared]] = {
     "supernodal": _prepare_supernodal,
     "superlu": _prepare_superlu,
     "cholmod": _prepare_cholmod,
