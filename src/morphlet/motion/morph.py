@@ -4,6 +4,7 @@ Time runs from 0 (the source) to 1 (the target positions); both ends are met exa
 """
 
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any, Literal
 
 import numpy as np
@@ -12,12 +13,20 @@ from jaxtyping import Float
 from morphlet import _arrays
 from morphlet.errors import InputError
 from morphlet.metrics import edge_lengths, signed_percent
+from morphlet.motion.bands import Bands
+from morphlet.motion.schedule import Schedule
+from morphlet.motion.trajectory import Trajectory
+from morphlet.surface.intersections import self_intersections
 from morphlet.surface.mesh import Mesh
 from morphlet.surface.sequence import MeshSequence
 
-MorphPath = Literal["linear"]
-"""How vertices travel: "linear" moves each on a straight line at constant speed (paper, section 7.2)."""
-PATHS: tuple[MorphPath, ...] = ("linear",)
+MorphPath = Literal["linear", "gradient", "wavelet"]
+"""How vertices travel: "linear" moves each on a straight line at constant speed (paper, section 7.2); "gradient" turns and
+stretches the faces and puts the vertices where these fit together best (see `trajectory`); "wavelet" moves each resolution at
+its own time (paper, section 7.2: "starting time and speed at various resolutions")."""
+PATHS: tuple[MorphPath, ...] = ("linear", "gradient", "wavelet")
+SUM_TOLERANCE = 1e-9
+"""How far bands may be from the positions that they add up to, relative to the largest coordinate."""
 """The paths there are."""
 
 
@@ -33,6 +42,21 @@ class Morph:
         Where its vertices are at time 1.
     path
         How they get there.
+    bands
+        For the path "wavelet": source and target by resolution, as `wavelet_bands` makes them.
+    schedule
+        For the path "wavelet": when each band moves; coarse ones first if left out.
+
+    Raises
+    ------
+    InputError
+        If there is not one finite target position per vertex, no such path, or bands and schedule do not go with the path or
+        with each other.
+
+    Notes
+    -----
+    The first frame of a "gradient" path factors a sparse system, which the morph keeps: 0.2 CPU s for 8k vertices, later frames
+    12 ms. Frames of the way back, from the target to the source, are close to these but not the same.
 
     Examples
     --------
@@ -46,15 +70,21 @@ class Morph:
     source: Mesh
     target_positions: Float[np.ndarray, "n 3"]
     path: MorphPath = "linear"
+    bands: Bands | None = None
+    schedule: Schedule | None = None
 
     def __post_init__(self) -> None:
         target = _arrays.real(self.target_positions, "target_positions", (self.source.n_vertices, 3))
         if self.path not in PATHS:
             raise InputError(f"a path out of {', '.join(PATHS)}", f"'{self.path}'", "choose one of these")
         object.__setattr__(self, "target_positions", target)
+        if self.path == "wavelet":
+            object.__setattr__(self, "schedule", _fitting(self.source, target, self.bands, self.schedule))
+        elif self.bands is not None or self.schedule is not None:
+            raise InputError('the path "wavelet" for bands and a schedule', f"'{self.path}'", "leave them out, or choose this path")
 
     def __reduce__(self) -> tuple[Any, ...]:
-        return Morph, (self.source, np.array(self.target_positions), self.path)
+        return Morph, (self.source, np.array(self.target_positions), self.path, self.bands, self.schedule)
 
     def __call__(self, t: float) -> Mesh:
         """The mesh at time t.
@@ -79,12 +109,37 @@ class Morph:
         times = np.linspace(0.0, 1.0, count)
         return MeshSequence(self.source.topology, np.stack([self._positions(t) for t in times]), times)
 
+    @cached_property
+    def _trajectory(self) -> Trajectory:
+        """The prepared "gradient" path."""
+        return Trajectory.prepare(self.source, self.target_positions)
+
     def _positions(self, t: float) -> Float[np.ndarray, "n 3"]:
         """Positions at time t; the ends themselves, not a sum that rounds."""
         if not 0 <= t <= 1:
             raise InputError("a time from 0 to 1", str(t), "scale your times")
         ends = {0.0: self.source.vertices, 1.0: self.target_positions}
-        return ends[t] if t in ends else (1 - t) * self.source.vertices + t * self.target_positions
+        if t in ends:
+            return ends[t]
+        if self.bands is not None and self.schedule is not None:
+            return self.bands.blend(self.schedule(t))
+        return self._trajectory(t) if self.path == "gradient" else (1 - t) * self.source.vertices + t * self.target_positions
+
+
+def _fitting(source: Mesh, target: Float[np.ndarray, "n 3"], bands: Bands | None, schedule: Schedule | None) -> Schedule:
+    """The schedule, if the bands are those of the two ends and there is one entry for each."""
+    if bands is None:
+        raise InputError('bands for the path "wavelet"', "none", "make them with wavelet_bands")
+    for name, parts, whole in (("source", bands.source, source.vertices), ("target", bands.target, target)):
+        if parts.shape[1:] != whole.shape:
+            raise InputError(f"bands of {len(whole)} vertices", f"bands of {parts.shape[1]}", "make them for this mesh")
+        gap = float(np.abs(parts.sum(axis=0) - whole).max(initial=0.0))
+        if gap > SUM_TOLERANCE * float(np.abs(whole).max(initial=0.0)):
+            raise InputError(f"bands that add up to the {name} positions", f"a gap of {gap:.3g}", "make them for these positions")
+    chosen = Schedule.coarse_first(len(bands)) if schedule is None else schedule
+    if len(chosen) != len(bands):
+        raise InputError(f"a schedule for {len(bands)} bands", f"one for {len(chosen)}", f"pass schedule.over({len(bands)})")
+    return chosen
 
 
 def volume_change_max(sequence: MeshSequence) -> float:
@@ -122,6 +177,24 @@ def edge_log_rms_max(sequence: MeshSequence) -> float:
         return 0.0
     logs = np.log(lengths[:, measurable] / reference[:, measurable])
     return float(np.sqrt(np.mean(logs**2, axis=1)).max())
+
+
+def self_intersections_max(sequence: MeshSequence) -> int:
+    """The largest number of pairs of triangles that cross in a frame and share no vertex.
+
+    Notes
+    -----
+    0.05 CPU s per frame of 16k triangles.
+
+    Examples
+    --------
+    >>> from morphlet import Mesh
+    >>> upright = [[0.2, 0.2, -1], [0.2, 0.2, 1], [0.2, 2, 0]]
+    >>> mesh = Mesh([[0, 0, 0], [1, 0, 0], [0, 1, 0], *upright], [[0, 1, 2], [3, 4, 5]])
+    >>> self_intersections_max(Morph(mesh, 2 * mesh.vertices).frames(3))
+    1
+    """
+    return max(len(self_intersections(sequence[k])) for k in range(len(sequence)))
 
 
 def _between(values: Float[np.ndarray, "t *d"], times: Float[np.ndarray, "t"]) -> Float[np.ndarray, "t *d"]:
