@@ -10,6 +10,7 @@ import time
 import warnings
 from collections.abc import Callable
 from dataclasses import dataclass, field
+from functools import partial
 from typing import Any, TypeVar
 
 import numpy as np
@@ -17,7 +18,9 @@ import numpy as np
 from morphlet import Mesh, SphericalMap, SurfacePoints, VertexPairs, correspond_maps, laplacian_warp, spherical_map
 from morphlet.features.signature import signature
 from morphlet.mapping.alignment import Alignment, SphereSamples, align_by_pairs, align_by_search
+from morphlet.mapping.embedding import embed
 from morphlet.numerics.rigid import rigid
+from morphlet.pipeline import aligned
 from morphlet.samples.truth import KnownPair, at_vertices
 from morphlet.sphere.quality import certificate
 from morphlet.surface.nearest import nearest
@@ -31,6 +34,10 @@ DESCRIPTORS, EVERY, EVERY_WITH_LANDMARKS = 100, 5, 10
 """Wave kernel signatures, and of how many one is used."""
 ICP_STEPS = 30
 """Rounds of nearest places and rotation."""
+
+
+WAVELETS = (0, 5, 15, 50, 150)
+"""Numbers of wavelets of the network that warps the sphere."""
 
 
 class Absent(Exception):
@@ -121,16 +128,32 @@ def pipeline(pair: KnownPair, landmarks: VertexPairs, stock: Stock) -> Answer:
 
 def dense(pair: KnownPair, landmarks: VertexPairs, stock: Stock) -> Answer:
     """`morphlet.mapping.embedding`: the source laid into the target's sphere by landmarks; automatic ones are matched tips."""
-    try:
-        from morphlet.mapping.embedding import embed
-    except ImportError as error:
-        raise Absent(str(error)) from error
     target: SphericalMap = stock.take("sphere", pair.target, spherical_map)
     pairs, said = (landmarks, ()) if len(landmarks) else _matched_tips(pair, stock)
     found = embed(stock.take("closed", pair.source, close), target, pairs)
     proof = found.certificate()
     unmet = (f"{len(found.unmet)} of {len(pairs)} landmarks unmet",) if len(found.unmet) else ()
     return Answer(found.correspondence().points, proof.inverted, proof.degree, "; ".join((*said, *unmet)))
+
+
+def warped(pair: KnownPair, landmarks: VertexPairs, stock: Stock, n_wavelets: int) -> Answer:
+    """The rotation and the wavelet network's warp of the source's sphere, and no more."""
+    maps: list[SphericalMap] = [stock.take("sphere", mesh, spherical_map) for mesh in (pair.source, pair.target)]
+    pairs, said = (landmarks, ()) if len(landmarks) else _matched_tips(pair, stock)
+    points = aligned(maps[0], maps[1], pairs, n_wavelets)(maps[0].points)
+    proof = certificate(points, pair.source.faces)
+    apart = np.arccos(np.clip(np.einsum("kd,kd->k", points[pairs.source], maps[1].points[pairs.target]), -1, 1))
+    return Answer(maps[1].locate(points), proof.inverted, proof.degree, "; ".join((*said, f"{np.degrees(apart.mean()):.1f} degrees left")))
+
+
+def started(pair: KnownPair, landmarks: VertexPairs, stock: Stock, n_wavelets: int) -> Answer:
+    """The dense map from where that warp leaves the source."""
+    maps: list[SphericalMap] = [stock.take("sphere", mesh, spherical_map) for mesh in (pair.source, pair.target)]
+    pairs, said = (landmarks, ()) if len(landmarks) else _matched_tips(pair, stock)
+    start = aligned(maps[0], maps[1], pairs, n_wavelets)(maps[0].closed_points)
+    found = embed(maps[0].surface, maps[1], pairs, start=start)
+    proof = found.certificate()
+    return Answer(found.correspondence().points, proof.inverted, proof.degree, "; ".join(said))
 
 
 def nearest_rigid(pair: KnownPair, landmarks: VertexPairs, stock: Stock) -> Answer:
@@ -176,6 +199,8 @@ METHODS: dict[str, Method] = {
     "conformal": conformal,
     "fmap": functional,
     "fmap-orient": functional_oriented,
+    **{f"warp-{count}": partial(warped, n_wavelets=count) for count in WAVELETS},
+    **{f"from-warp-{count}": partial(started, n_wavelets=count) for count in WAVELETS},
 }
 """By the names of `--peers`."""
 
