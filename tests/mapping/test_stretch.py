@@ -5,7 +5,7 @@ import pytest
 from scipy.spatial import Delaunay
 
 from morphlet import Mesh
-from morphlet.mapping.stretch import MOST, Evening
+from morphlet.mapping.stretch import MOST, PROPORTIONS, Evening
 from morphlet.sphere.energy import reference, slack_areas
 from morphlet.sphere.level import Level
 from support import blob, icosphere, random_rotation
@@ -48,16 +48,30 @@ def test_what_is_only_moved_keeps_its_metric(lump: Level) -> None:
     assert kept.weight is lump.reference.weight
 
 
+def share(stretch: float) -> float:
+    """The share of averaged stretch that is excused."""
+    return stretch**4 / (stretch**4 + PROPORTIONS**4)
+
+
 def test_a_plate_stretched_as_a_whole_is_that(plate: Level) -> None:
-    """Exact for any linear map."""
-    bent = plate.V @ np.array([[1.5, 0.2, 0.1], [0.3, 0.8, 0.5], [0, 0, 1]])
-    np.testing.assert_allclose(squares(Evening.prepare(plate), bent), true_squares(bent, plate.F), rtol=1e-7)
+    """Its axes, 1.5 and 0.8 times as long after a turn, keep their share of the logarithm."""
+    stretched = np.log([1.5, 0.8])
+    taken = np.exp(share(np.linalg.norm(2 * stretched)) * stretched)
+    bent, meant = plate.V * [1.5, 0.8, 1] @ random_rotation(5), plate.V * [*taken, 1]
+    np.testing.assert_allclose(squares(Evening.prepare(plate), bent), true_squares(meant, plate.F), rtol=1e-7)
+
+
+def test_little_stretch_is_not_excused_and_much_is(plate: Level) -> None:
+    own = true_squares(plate.V, plate.F)
+    little, much = (np.log(squares(Evening.prepare(plate), factor * plate.V) / own) / (2 * np.log(factor)) for factor in (1.02, 2.0))
+    assert np.abs(little).max() < 0.01
+    np.testing.assert_allclose(much, 1, atol=1e-3)
 
 
 def test_degenerate_images_count_to_a_limit(plate: Level) -> None:
-    own = true_squares(plate.V, plate.F)
-    np.testing.assert_allclose(squares(Evening.prepare(plate), 100 * plate.V), np.exp(MOST) * own, rtol=1e-7)
-    np.testing.assert_allclose(squares(Evening.prepare(plate), 0 * plate.V), np.exp(-MOST) * own, rtol=1e-7)
+    own, most = true_squares(plate.V, plate.F), share(np.sqrt(2) * MOST) * MOST
+    np.testing.assert_allclose(squares(Evening.prepare(plate), 100 * plate.V), np.exp(most) * own, rtol=1e-7)
+    np.testing.assert_allclose(squares(Evening.prepare(plate), 0 * plate.V), np.exp(-most) * own, rtol=1e-7)
 
 
 def test_girth_holds_more_firmly_than_length_but_follows(lump: Level) -> None:
