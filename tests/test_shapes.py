@@ -22,9 +22,13 @@ sys.modules["checks"] = checks
 install_import_hook(sys.argv[1].split(","), "checks.typed")
 
 import numpy as np
-from morphlet import metrics
+from morphlet import (
+    Arap, Direct, DualLaplacian, EstimatedRotations, Guarded, Laplacian, Lattice, Morph, MovingLeastSquares, Multiresolution, Roi,
+    RoiEditor, Schedule, Shell, SimilarityLaplacian, metrics, pair_faces, self_intersections, transfer, wavelet_bands,
+)
 from morphlet.approximation.rows import RowOptions, approximate_by_rows
 from morphlet.approximation.surface import approximate
+from morphlet.editing.falloff import rate
 from morphlet.numerics.unit_sphere import icosphere
 from morphlet.pipeline import morph
 from morphlet.report.color import place_colors
@@ -44,7 +48,7 @@ source = Mesh(points * bumps, Topology(faces, len(points)))
 target = Mesh(points * [1.0, 1.2, 1.6] * bumps, Topology(faces[5:], len(points)))
 describe(target)
 repair(target, RepairOptions(fill="small"))
-for pairs in (None, VertexPairs(np.array([0, 5, 9]), np.array([0, 5, 9]))):
+for pairs in (None, VertexPairs(np.array([1, 5, 9]), np.array([1, 5, 9]))):
     result = morph(source, target, pairs, frames=3)
     result.figures()
 ends = end_of(result.matched.source_map), end_of(result.matched.target_map)
@@ -58,13 +62,30 @@ mapped = result.matched.source_map
 for refinement in ("none", "final", "interleaved"):
     approximate_by_rows(mapped, 9, "latlong", RowOptions(3, refinement=refinement)).figures(mapped)
 approximate(mapped, source.vertices, 5).with_residual(source.vertices).figures(mapped)
+
+roi = Roi.within(source, np.arange(6), 0.8)
+linear = (Laplacian(), SimilarityLaplacian(), DualLaplacian(), EstimatedRotations())
+space = (Direct(), MovingLeastSquares("similarity"), Lattice((4, 4, 4)))
+for method in (*space, *linear, Arap(), Arap(smoothing=0.01), Shell(), Guarded(), Multiresolution(Arap())):
+    edited = RoiEditor.prepare(roi, method).solve(1.2 * source.vertices[roi.handle])
+editor = RoiEditor.prepare(Roi(source, roi.handle, roi.free, np.full(6, 2.0)))
+path = np.stack([source.vertices[roi.handle] * (1 + 0.1 * k) for k in range(3)])
+editor.sequence(path), editor.with_handle(roi.handle[:3]).solve(source.vertices[roi.handle[:3]])
+rate(roi, edited)
+metrics.edge_strain_rms(source, edited), metrics.laplacian_error(source, edited), metrics.arap_energy(source, edited)
+self_intersections(edited)
+for path_name in ("linear", "gradient"):
+    Morph(source, edited.vertices, path_name).frames(3)
+bands = wavelet_bands(mapped, edited.vertices, 20)
+Morph(source, edited.vertices, "wavelet", bands, Schedule.coarse_first(len(bands))).frames(3)
+transfer(source, edited, source, pair_faces(source, source))
 print("shapes hold")
 """
 
 
 def checked_modules() -> list[str]:
     """Modules whose annotations can be checked; numba compiles the others."""
-    compiled = re.compile("@(njit|OUTER|INNER)")
+    compiled = re.compile(r"@(njit|OUTER|INNER|\w*kernel)\b")
     files = [file for file in SOURCE.rglob("*.py") if not compiled.search(file.read_text(encoding="utf-8")) and file.stem not in UNCHECKED]
     return sorted(".".join(file.relative_to(SOURCE).with_suffix("").parts) for file in files if file.stem != "__init__")
 

@@ -28,22 +28,22 @@ ROUNDING = 1e-9
 """How far start + duration may exceed 1."""
 
 
-def _linear(u: Float[np.ndarray, "b"]) -> Float[np.ndarray, "b"]:
+def _linear(u: float) -> float:
     """Constant speed."""
     return u
 
 
-def _smoothstep(u: Float[np.ndarray, "b"]) -> Float[np.ndarray, "b"]:
+def _smoothstep(u: float) -> float:
     """Continuous speed."""
     return u * u * (3 - 2 * u)
 
 
-def _smootherstep(u: Float[np.ndarray, "b"]) -> Float[np.ndarray, "b"]:
+def _smootherstep(u: float) -> float:
     """Continuous acceleration."""
     return u**3 * (u * (6 * u - 15) + 10)
 
 
-_CURVES: dict[Easing, Callable[[np.ndarray], np.ndarray]] = {"linear": _linear, "smoothstep": _smoothstep, "smootherstep": _smootherstep}
+_CURVES: dict[Easing, Callable[[float], float]] = {"linear": _linear, "smoothstep": _smoothstep, "smootherstep": _smootherstep}
 
 
 @dataclass(frozen=True, eq=False)
