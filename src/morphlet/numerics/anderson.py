@@ -9,6 +9,8 @@ import numpy as np
 from jaxtyping import Float
 from numba import njit
 
+from morphlet.numerics.compiled import OPTIONS, inner_kernel
+
 REGULAR = 1e-10
 """Added to the diagonal of the normal equations, relative to it; a pivot below it belongs to a step that repeats others, which
 then has no share."""
@@ -16,7 +18,7 @@ then has no share."""
 CANCELLED = 1e-13
 """Squared difference of two steps, relative to their squares, that may be rounding of their products."""
 
-SUMS = njit(cache=True, error_model="numpy", nogil=True, fastmath={"reassoc", "contract", "nsz"})
+sum_kernel = njit(**OPTIONS, fastmath={"reassoc", "contract", "nsz"})
 """Kernels of long sums, in vector registers."""
 
 
@@ -68,7 +70,7 @@ class Anderson:
         return out.reshape(x.shape)
 
 
-@SUMS
+@sum_kernel
 def _advance(x, step, past, products, count, out):  # type: ignore[no-untyped-def]
     """Remember step (n,) and x + step in row `last` of past (2, w, n) and its products (w, w) with the others; the next point (n,)."""
     steps, points = past[0], past[1]
@@ -90,7 +92,7 @@ def _advance(x, step, past, products, count, out):  # type: ignore[no-untyped-de
                 out[i] += share[k] * points[k, i]
 
 
-@njit(cache=True, error_model="numpy", nogil=True, no_cpython_wrapper=True, no_cfunc_wrapper=True)
+@inner_kernel
 def _shortest(products, n, last):  # type: ignore[no-untyped-def]
     """Shares (n,), of sum 1, of the first n steps, whose products are given, for the shortest combination: Gaussian elimination."""
     normal, share, least = np.empty((n, n)), np.empty(n), np.empty(n)

@@ -12,6 +12,7 @@ from jaxtyping import Float
 from numba import njit
 
 from morphlet import _arrays
+from morphlet.numerics.compiled import OPTIONS, inner_kernel, kernel
 
 BLOCK = 64
 """Covariances fitted side by side, in the lanes of vector registers: their work space stays in the first cache."""
@@ -47,15 +48,7 @@ ALONG = 1e-8
 SMALL_ANGLE = 1e-4
 """Angle (radians) below which sine quotients are taken from their series: its next term is 1e-17."""
 
-OUTER = njit(cache=True, error_model="numpy", nogil=True)
-"""Kernels called from Python."""
-
-INNER = njit(cache=True, error_model="numpy", nogil=True, no_cpython_wrapper=True, no_cfunc_wrapper=True)
-"""Kernels called by kernels."""
-
-lane_kernel = njit(
-    cache=True, error_model="numpy", nogil=True, no_cpython_wrapper=True, no_cfunc_wrapper=True, fastmath={"contract", "nsz", "arcp"}
-)
+lane_kernel = njit(**OPTIONS, no_cpython_wrapper=True, fastmath={"contract", "nsz", "arcp"})
 """Kernels whose loop over a block becomes vector instructions."""
 
 
@@ -147,7 +140,7 @@ def _quaternion(r: Float[np.ndarray, "3 3"]) -> Float[np.ndarray, "4"]:
     return np.asarray(q if q[0] >= 0 else -q)
 
 
-@OUTER
+@kernel
 def _fit_all(covariances, out):  # type: ignore[no-untyped-def]
     """Covariances (n, 9) to rotations (n, 9), block by block."""
     work = np.zeros(WORK)
@@ -162,7 +155,7 @@ def _fit_all(covariances, out):  # type: ignore[no-untyped-def]
                 out[start + i, k] = work[R + k * BLOCK + i]
 
 
-@INNER
+@inner_kernel
 def fit_block(work, count):  # type: ignore[no-untyped-def]
     """Rotations and traces of the first `count` covariances of a block's work space (WORK,); the others count as zero."""
     for k in range(9):
@@ -222,7 +215,7 @@ def _fit_lanes(work):  # type: ignore[no-untyped-def]
         work[DOUBT + i] = 1.0 if slope < SEPARATE or step * step > CONVERGED * slope else 0.0
 
 
-@INNER
+@inner_kernel
 def _fit_carefully(work, i):  # type: ignore[no-untyped-def]
     """One covariance: (K + sqrt(3)) squared again and again becomes the projection on the best quaternions; that of identity is taken."""
     power, square = np.empty((4, 4)), np.empty((4, 4))
@@ -265,7 +258,7 @@ def _fit_carefully(work, i):  # type: ignore[no-untyped-def]
             work[LAMBDA + i] += turn[a][b] * work[S + (3 * b + a) * BLOCK + i]
 
 
-@OUTER
+@kernel
 def _exponentials(vectors, out):  # type: ignore[no-untyped-def]
     """Rotation vectors (n, 3) to rotations (n, 9): Rodrigues."""
     for i in range(len(vectors)):

@@ -1,0 +1,1 @@
+"""Pull some vertices of a mesh, keep others, let the rest follow."""

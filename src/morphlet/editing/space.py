@@ -1,0 +1,497 @@
+"""Deformations of space, which carry the vertices that lie in it (paper, Sect. 3).
+
+Moving least squares turn and shift every place by the rigid motion or similarity that fits the control points as seen from
+there (Eqs. 1-2); a lattice shifts it by a smooth blend of the shifts of its control points (Fig. 1). Both know no surface: what is
+near through space goes along.
+"""
+
+from dataclasses import dataclass
+from typing import Any, Literal, get_args
+
+import numpy as np
+from jaxtyping import Float, Int
+from scipy.interpolate import BSpline
+from scipy.spatial.distance import cdist
+
+from morphlet import _arrays
+from morphlet.editing.method import Prepared, Pull
+from morphlet.editing.roi import Roi
+from morphlet.errors import InputError
+from morphlet.numerics.compiled import kernel
+from morphlet.numerics.optimize import OnStep
+from morphlet.numerics.rotations import best_rotations
+from morphlet.surface.mesh import Mesh
+
+Kind = Literal["rigid", "similarity"]
+Basis = Literal["bspline", "bernstein"]
+
+CUBIC = 3
+"""Degree of B-splines: the lowest that is twice continuously differentiable."""
+FEWEST = 2
+"""Control points of a lattice along each axis: one on either side."""
+BENDING = 1e-7
+"""Weight of the mean square of second derivatives of the control displacements (over the longest side of the box) against the mean
+square miss of handle and rim. A horse's tail, pulled by 0.3 of the diagonal and turned by 60 degrees: handle and rim miss by at most
+0.1 % of the diagonal with 8 x 8 x 8 control points, 0.3 % with 1e-6; with 1e-8 lattices of 6 x 6 x 6 and fewer buckle."""
+STRETCHING = 1e-10
+"""The same for first derivatives: they decide only where handle and rim leave an affine map open, for the one nearest a shift."""
+SIZE = 1e-13
+"""The same for the displacements themselves: they decide only where a shift is open."""
+
+
+@dataclass(frozen=True)
+class MovingLeastSquares:
+    """Every place moves as the control points do, seen from there: the nearer, the more they count (Eqs. 1-2).
+
+    The transformation at x minimises ``sum_i w_i |T(p_i) - q_i|^2`` with ``w_i = |p_i - x|^(-2 alpha)`` over the rigid motions or
+    similarities. Controls of a region are its handle and the rim of its anchors, so that it goes over into what stays. The
+    paper's weight 1 at a control point would not bring it to its target; the limit of Eq. 2 does. Handle weights are not used.
+
+    Parameters
+    ----------
+    kind
+        Rigid motions, or similarities: these scale, too.
+    alpha
+        Falloff: the larger, the less far controls count.
+
+    Raises
+    ------
+    InputError
+        If the kind is unknown or alpha is not positive.
+
+    Notes
+    -----
+    Preparing k vertices for c controls costs O(k c) time and 8 k c bytes; a frame is one product of matrices (k, c) and (c, 12),
+    and a rotation fit per vertex.
+
+    References
+    ----------
+    Schaefer, McPhail and Warren, Image deformation using moving least squares, SIGGRAPH 2006.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from morphlet.editing.space import MovingLeastSquares
+    >>> corners = np.array([[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]])
+    >>> field = MovingLeastSquares().field(corners, np.array([[0.2, 0.3, 5.0]]))
+    >>> quarter_turn = corners @ np.array([[0.0, 1.0, 0.0], [-1.0, 0.0, 0.0], [0.0, 0.0, 1.0]])
+    >>> field(quarter_turn).round(9)
+    array([[-0.3,  0.2,  5. ]])
+    """
+
+    kind: Kind = "rigid"
+    alpha: float = 1.0
+
+    def __post_init__(self) -> None:
+        if self.kind not in get_args(Kind):
+            raise InputError(f"one of {', '.join(get_args(Kind))} as kind", repr(self.kind), "choose one of these")
+        if not (np.isfinite(self.alpha) and self.alpha > 0):
+            raise InputError("a falloff alpha above 0", f"{self.alpha}", "1 and 2 are usual")
+
+    def field(self, controls: Float[np.ndarray, "c 3"], points: Float[np.ndarray, "k 3"]) -> "MovingField":
+        """Everything that does not depend on where the controls go.
+
+        Parameters
+        ----------
+        controls
+            Places p_i of the control points at rest; of several at one place the mean counts there.
+        points
+            Places x that are moved along.
+
+        Returns
+        -------
+        field
+            From targets q_i of the controls to the new places of the points.
+
+        Raises
+        ------
+        InputError
+            If there are no controls, or an array is not (any, 3) or not finite.
+        """
+        p, x = _arrays.real(controls, "controls", (None, 3)), _arrays.real(points, "points", (None, 3))
+        if not len(p):
+            raise InputError("at least one control point", "none", "choose a handle")
+        weights = _shares(x, p, self.alpha)
+        centres = weights @ p
+        return MovingField(self.kind, p, x, weights, centres, _spreads(weights, np.array(p), centres))
+
+    def prepare(self, roi: Roi) -> Prepared:
+        """The field of the handle and the rim at the free vertices."""
+        vertices = roi.mesh.vertices
+        controls = np.concatenate([vertices[roi.handle], vertices[roi.rim]])
+        return _Carried(roi, self.field(controls, vertices[roi.free]))
+
+
+@dataclass(frozen=True, eq=False)
+class MovingField:
+    """Moving least squares made ready: from targets of the controls to new places of the points.
+
+    Parameters
+    ----------
+    kind
+        Rigid motions or similarities.
+    controls, points
+        At rest.
+    weights
+        Share of each control at each point; rows sum to 1.
+    centres
+        Weighted mean p* of the controls, as seen from each point.
+    spreads
+        Their weighted covariance about it.
+    """
+
+    kind: Kind
+    controls: Float[np.ndarray, "c 3"]
+    points: Float[np.ndarray, "k 3"]
+    weights: Float[np.ndarray, "k c"]
+    centres: Float[np.ndarray, "k 3"]
+    spreads: Float[np.ndarray, "k 3 3"]
+
+    def __call__(self, targets: Float[np.ndarray, "c 3"]) -> Float[np.ndarray, "k 3"]:
+        """The new places of the points.
+
+        Parameters
+        ----------
+        targets
+            Where each control goes.
+
+        Returns
+        -------
+        places
+            Of the points, in their order.
+
+        Raises
+        ------
+        InputError
+            If there is not one finite target per control.
+        """
+        shifts = _arrays.real(targets, "targets", self.controls.shape) - self.controls
+        common = shifts[0]
+        shift, covariance = self._moments(shifts - common)
+        rotation = best_rotations(covariance)
+        arm = self.points - self.centres
+        turned = np.einsum("kab,kb->ka", rotation, arm)
+        if self.kind == "similarity":
+            turned *= self._scales(rotation, covariance)[:, None]
+        return self.points + (common + shift) + (turned - arm)
+
+    def _moments(self, shifts: Float[np.ndarray, "c 3"]) -> tuple[Float[np.ndarray, "k 3"], Float[np.ndarray, "k 3 3"]]:
+        """Weighted mean of the shifts q - p, and covariance of p and q, as seen from each point: one product of matrices."""
+        products = (self.controls[:, :, None] * shifts[:, None, :]).reshape(-1, 9)
+        sums = self.weights @ np.concatenate([shifts, products], axis=1)
+        mean = sums[:, :3]
+        crossed = sums[:, 3:].reshape(-1, 3, 3) - self.centres[:, :, None] * mean[:, None, :]
+        return mean, self.spreads + crossed
+
+    def _scales(self, rotation: Float[np.ndarray, "k 3 3"], covariance: Float[np.ndarray, "k 3 3"]) -> Float[np.ndarray, "k"]:
+        """Size of the best similarity; 1 where the controls are all at one place."""
+        before = np.einsum("kaa->k", self.spreads)
+        after = np.einsum("kab,kba->k", rotation, covariance)
+        return np.divide(after, before, out=np.ones(len(before)), where=before > 0)
+
+
+@dataclass(frozen=True, eq=False)
+class _Carried:
+    """The free vertices of a region in the field of its handle and rim."""
+
+    roi: Roi
+    field: MovingField
+
+    def __call__(self, pull: Pull, on_step: OnStep | None = None) -> Float[np.ndarray, "k 3"]:
+        """Positions of the moving vertices."""
+        targets = _arrays.real(pull.targets, "targets", (len(self.roi.handle), 3))
+        free = self.field(np.concatenate([targets, self.roi.mesh.vertices[self.roi.rim]]))
+        return _placed(self.roi, targets, free)
+
+
+@dataclass(frozen=True)
+class Lattice:
+    """A box of control points; what is in the box shifts by a smooth blend of their shifts (paper, Sect. 3, Fig. 1).
+
+    Control displacements may be given (`deform`), or found from where a handle goes (`prepare`): of those that bring the handle to
+    its targets, and leave the rim of the anchors where it is, as closely as they can, the ones that bend least. (The smallest ones,
+    which is the usual choice, rest between handle and rim, so that limbs buckle.) The handle is then not held exactly, unless it has
+    few vertices. Handle weights are not used.
+
+    Parameters
+    ----------
+    shape
+        Control points along x, y and z.
+    basis
+        ``bspline``: cubic, each control point reaches four intervals wide (lower degree on an axis with fewer than four); ``bernstein``:
+        one polynomial, each control point reaches everything.
+    fixed_planes
+        Outermost planes of control points, on every side, that never move: k + 1 of them join the box to its outside with k
+        continuous derivatives.
+
+    Raises
+    ------
+    InputError
+        If there are fewer than two control points along an axis, the basis is unknown, or no control point may move.
+
+    Notes
+    -----
+    With c control points, preparing costs O(c^3) time and 24 c^2 bytes; a frame 64 products per vertex, or c with ``bernstein``.
+
+    References
+    ----------
+    Sederberg and Parry, Free-form deformation of solid geometric models, SIGGRAPH 1986. Hsu, Hughes and Kaufman, Direct manipulation
+    of free-form deformations, SIGGRAPH 1992.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from morphlet import Mesh
+    >>> from morphlet.editing.space import Lattice
+    >>> cage, triangle = Lattice((2, 2, 3), "bernstein"), Mesh([[0, 0, 0], [1, 0, 0], [0, 1, 1], [0.5, 0.5, 0.5]], [[0, 1, 2]])
+    >>> shifts = np.zeros((2, 2, 3, 3))
+    >>> shifts[:, :, 1, 0] = 1  # the middle plane, along x
+    >>> cage.deform(triangle, shifts).vertices[:, 0].tolist()
+    [0.0, 1.0, 0.0, 1.0]
+    """
+
+    shape: tuple[int, int, int] = (8, 8, 8)
+    basis: Basis = "bspline"
+    fixed_planes: int = 0
+
+    def __post_init__(self) -> None:
+        shape = tuple(int(n) for n in _arrays.index(self.shape, "shape", (3,), np.iinfo(np.int64).max))
+        object.__setattr__(self, "shape", shape)
+        if self.basis not in get_args(Basis):
+            raise InputError(f"one of {', '.join(get_args(Basis))} as basis", repr(self.basis), "choose one of these")
+        least = max(FEWEST, 2 * self.fixed_planes + 1)
+        if min(shape) < least or self.fixed_planes < 0:
+            found = f"shape {shape} with {self.fixed_planes} fixed planes on every side"
+            raise InputError(f"at least {least} control points along each axis", found, "ask for more control points or fewer fixed planes")
+
+    def points(self, box: Float[np.ndarray, "2 3"]) -> Float[np.ndarray, "l m n 3"]:
+        """Where the control points of a box are: displaced by an affine map of these places, they deform by that map.
+
+        Examples
+        --------
+        >>> from morphlet.editing.space import Lattice
+        >>> Lattice((4, 2, 2), "bernstein").points([[0, 0, 0], [3, 1, 1]])[:, 0, 0, 0].round(12).tolist()
+        [0.0, 1.0, 2.0, 3.0]
+        """
+        low, high = _arrays.real(box, "box", (2, 3))
+        axes = [low[a] + (high[a] - low[a]) * _sites(n, self._degree(n)) for a, n in enumerate(self.shape)]
+        return np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1)
+
+    def deform(self, mesh: Mesh, displacements: Float[np.ndarray, "l m n 3"], box: Float[np.ndarray, "2 3"] | None = None) -> Mesh:
+        """The mesh after these displacements of the control points.
+
+        Parameters
+        ----------
+        mesh
+            At rest.
+        displacements
+            Of every control point, in mesh units.
+        box
+            Two opposite corners of the lattice, lower coordinates first; the bounding box of the mesh if left out.
+
+        Returns
+        -------
+        deformed
+            Vertices outside the box stay, bit for bit.
+
+        Raises
+        ------
+        InputError
+            If the displacements do not fit the shape, a fixed plane moves, or the box is turned over.
+        """
+        shifts = _arrays.real(displacements, "displacements", (*self.shape, 3))
+        if np.any(shifts[~self._movable()]):
+            found = f"displacements on the outermost {self.fixed_planes} planes"
+            raise InputError("fixed planes that stay", found, "set them to zero, or fix fewer planes")
+        corners = _box(mesh.vertices) if box is None else _arrays.real(box, "box", (2, 3))
+        if np.any(corners[0] > corners[1]):
+            raise InputError("a box with its lower corner first", f"{corners.tolist()}", "exchange the corners")
+        inside = np.flatnonzero(((mesh.vertices >= corners[0]) & (mesh.vertices <= corners[1])).all(axis=1))
+        vertices = np.array(mesh.vertices)
+        vertices[inside] += self._blend(vertices[inside], corners)(shifts)
+        return mesh.with_vertices(vertices)
+
+    def prepare(self, roi: Roi) -> Prepared:
+        """The box of the region and its rim, its blend at the moving vertices, and the answer of its control points to a handle."""
+        held = np.concatenate([roi.handle, roi.rim])
+        box = _box(roi.mesh.vertices[np.concatenate([roi.moving, roi.rim])])
+        wanted = self._blend(roi.mesh.vertices[held], box).matrix(self.shape)
+        return _Caged(roi, self._answer(wanted, box)[:, : len(roi.handle)], self._blend(roi.mesh.vertices[roi.moving], box), self.shape)
+
+    def _answer(self, wanted: Float[np.ndarray, "w c"], box: Float[np.ndarray, "2 3"]) -> Float[np.ndarray, "c w"]:
+        """From where some places go to the control displacements: least squares with a little stiffness."""
+        movable = self._movable().ravel()
+        normal = wanted.T @ wanted / len(wanted) + self._stiffness(box) / wanted.shape[1]
+        answer = np.zeros((len(movable), len(wanted)))
+        answer[movable] = np.linalg.solve(normal[np.ix_(movable, movable)], wanted[:, movable].T / len(wanted))
+        return answer
+
+    def _stiffness(self, box: Float[np.ndarray, "2 3"]) -> Float[np.ndarray, "c c"]:
+        """The quadratic form that makes the answer smooth: second and first differences of control points, and their size."""
+        size = box[1] - box[0]
+        sides = np.where(size > 0, size, size.max() or 1.0)
+        sites = [_sites(n, self._degree(n)) * side / sides.max() for n, side in zip(self.shape, sides, strict=True)]
+        eye = [np.eye(n) for n in self.shape]
+        slope = [_squared(_divided(x)) for x in sites]
+        bend = [_squared(_divided((x[1:] + x[:-1]) / 2) @ _divided(x)) for x in sites]
+        total = np.zeros((np.prod(self.shape),) * 2)
+        for a in range(3):
+            others = (a + 1) % 3
+            twist = [slope[b] if b in (a, others) else eye[b] for b in range(3)]
+            total += BENDING * (_product([bend[b] if b == a else eye[b] for b in range(3)]) + 2 * _product(twist))
+            total += STRETCHING * _product([slope[b] if b == a else eye[b] for b in range(3)])
+        return total + SIZE * np.eye(len(total))
+
+    def _degree(self, count: int) -> int:
+        """Of the polynomials along an axis with so many control points."""
+        return count - 1 if self.basis == "bernstein" else min(CUBIC, count - 1)
+
+    def _movable(self) -> np.ndarray:
+        """Which control points may move."""
+        free = np.zeros(self.shape, bool)
+        inner = tuple(slice(self.fixed_planes, n - self.fixed_planes) for n in self.shape)
+        free[inner] = True
+        return free
+
+    def _blend(self, places: Float[np.ndarray, "k 3"], box: Float[np.ndarray, "2 3"]) -> "_Blend":
+        """How the control points of a box mix at places in it; along a side without length all is at its lower end."""
+        size = box[1] - box[0]
+        share = np.clip((places - box[0]) / np.where(size > 0, size, 1.0), 0.0, 1.0)
+        found = [_basis(np.ascontiguousarray(share[:, a]), n, self._degree(n)) for a, n in enumerate(self.shape)]
+        first = np.stack([f for f, _ in found], axis=1)
+        return _Blend(np.ascontiguousarray(first), *(weights for _, weights in found))
+
+
+@dataclass(frozen=True, eq=False)
+class _Blend:
+    """Weights of control points at places: the first one that counts along each axis, and the weights from there on."""
+
+    first: Int[np.ndarray, "k 3"]
+    along_x: Float[np.ndarray, "k p"]
+    along_y: Float[np.ndarray, "k q"]
+    along_z: Float[np.ndarray, "k r"]
+
+    def __call__(self, shifts: Float[np.ndarray, "l m n 3"]) -> Float[np.ndarray, "k 3"]:
+        """The shift of each place."""
+        out = np.empty((len(self.first), 3))
+        _blended(self.first, self.along_x, self.along_y, self.along_z, np.array(shifts), out)
+        return out
+
+    def matrix(self, shape: tuple[int, int, int]) -> Float[np.ndarray, "k c"]:
+        """The weight of every control point at each place."""
+        weights = np.einsum("ka,kb,kc->kabc", self.along_x, self.along_y, self.along_z)
+        steps = [np.arange(along.shape[1]) for along in (self.along_x, self.along_y, self.along_z)]
+        i, j, k = (self.first[:, a, None] + steps[a] for a in range(3))
+        flat = (i[:, :, None, None] * shape[1] + j[:, None, :, None]) * shape[2] + k[:, None, None, :]
+        table = np.zeros((len(self.first), int(np.prod(shape))))
+        np.put_along_axis(table, flat.reshape(len(table), -1), weights.reshape(len(table), -1), axis=1)
+        return table
+
+
+@dataclass(frozen=True, eq=False)
+class _Caged:
+    """A region in a lattice that answers its handle."""
+
+    roi: Roi
+    answer: Float[np.ndarray, "c h"]
+    blend: _Blend
+    shape: tuple[int, int, int]
+
+    def __call__(self, pull: Pull, on_step: OnStep | None = None) -> Float[np.ndarray, "k 3"]:
+        """Positions of the moving vertices."""
+        roi = self.roi
+        targets = _arrays.real(pull.targets, "targets", (len(roi.handle), 3))
+        shifts = self.answer @ (targets - roi.mesh.vertices[roi.handle])
+        return roi.mesh.vertices[roi.moving] + self.blend(shifts.reshape(*self.shape, 3))
+
+
+def _placed(roi: Roi, handle: Float[np.ndarray, "h 3"], free: Float[np.ndarray, "f 3"]) -> Float[np.ndarray, "k 3"]:
+    """Positions of handle and free vertices, in the order of `Roi.moving`."""
+    places = np.empty((len(roi.moving), 3))
+    places[np.searchsorted(roi.moving, roi.handle)] = handle
+    places[np.searchsorted(roi.moving, roi.free)] = free
+    return places
+
+
+def _shares(points: Float[np.ndarray, "k 3"], controls: Float[np.ndarray, "c 3"], alpha: float) -> Float[np.ndarray, "k c"]:
+    """Eq. 2 over its sum, scaled by the nearest control first so that nothing overflows; at a control, it alone counts."""
+    table = cdist(points, controls, "sqeuclidean")
+    nearest = table.min(axis=1, keepdims=True)
+    np.divide(nearest, table, out=table, where=table > 0)
+    at_control = nearest[:, 0] == 0
+    table[at_control] = cdist(points[at_control], controls, "sqeuclidean") == 0
+    np.power(table, alpha, out=table)
+    table /= table.sum(axis=1, keepdims=True)
+    return table
+
+
+def _box(places: Float[np.ndarray, "k 3"]) -> Float[np.ndarray, "2 3"]:
+    """Two corners of the axis-parallel box round places."""
+    return np.stack([places.min(axis=0), places.max(axis=0)])
+
+
+def _knots(count: int, degree: int) -> Float[np.ndarray, "t"]:
+    """Of clamped B-splines on [0, 1]; without inner knots they are the Bernstein polynomials."""
+    inner = np.linspace(0, 1, count - degree + 1)
+    return np.concatenate([np.zeros(degree), inner, np.ones(degree)])
+
+
+def _sites(count: int, degree: int) -> Float[np.ndarray, "n"]:
+    """Where the control points are, so that the blend of their places is the place itself (Greville)."""
+    knots = _knots(count, degree)
+    return np.array([knots[i + 1 : i + degree + 1].mean() for i in range(count)])
+
+
+def _divided(sites: Float[np.ndarray, "n"]) -> Float[np.ndarray, "n1 n"]:
+    """Divided differences of values at these sites."""
+    return np.diff(np.eye(len(sites)), axis=0) / np.diff(sites)[:, None]
+
+
+def _squared(matrix: Float[np.ndarray, "r n"]) -> Float[np.ndarray, "n n"]:
+    return matrix.T @ matrix
+
+
+def _product(factors: list[np.ndarray]) -> Float[np.ndarray, "c c"]:
+    """The matrix that has one factor along each axis."""
+    return np.kron(np.kron(factors[0], factors[1]), factors[2])
+
+
+def _basis(shares: Float[np.ndarray, "k"], count: int, degree: int) -> tuple[Int[np.ndarray, "k"], Float[np.ndarray, "k p"]]:
+    """First control point that counts at each place of an axis, and the weights of it and the next ones."""
+    table: Any = BSpline.design_matrix(shares, _knots(count, degree), degree)
+    return table.indices[:: degree + 1].astype(np.int64), np.ascontiguousarray(table.data.reshape(-1, degree + 1))
+
+
+@kernel
+def _spreads(weights, controls, centres):  # type: ignore[no-untyped-def]
+    # weights (k,c), controls (c,3), centres (k,3) -> (k,3,3): sum over c of w (p - p*) (p - p*)^T, free of cancellation.
+    out = np.zeros((len(weights), 3, 3))
+    for k in range(len(weights)):
+        for c in range(len(controls)):
+            w = weights[k, c]
+            x, y, z = controls[c, 0] - centres[k, 0], controls[c, 1] - centres[k, 1], controls[c, 2] - centres[k, 2]
+            out[k, 0, 0] += w * x * x
+            out[k, 0, 1] += w * x * y
+            out[k, 0, 2] += w * x * z
+            out[k, 1, 1] += w * y * y
+            out[k, 1, 2] += w * y * z
+            out[k, 2, 2] += w * z * z
+        out[k, 1, 0], out[k, 2, 0], out[k, 2, 1] = out[k, 0, 1], out[k, 0, 2], out[k, 1, 2]
+    return out
+
+
+@kernel
+def _blended(first, along_x, along_y, along_z, shifts, out):  # type: ignore[no-untyped-def]
+    # first (k,3); weights along x (k,p), y (k,q), z (k,r); shifts (l,m,n,3); out (k,3): sum of products of weights times shifts.
+    for v in range(len(first)):
+        x = y = z = 0.0
+        for a in range(along_x.shape[1]):
+            for b in range(along_y.shape[1]):
+                row = shifts[first[v, 0] + a, first[v, 1] + b]
+                share = along_x[v, a] * along_y[v, b]
+                for c in range(along_z.shape[1]):
+                    w = share * along_z[v, c]
+                    x += w * row[first[v, 2] + c, 0]
+                    y += w * row[first[v, 2] + c, 1]
+                    z += w * row[first[v, 2] + c, 2]
+        out[v, 0], out[v, 1], out[v, 2] = x, y, z
