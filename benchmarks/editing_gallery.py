@@ -126,7 +126,7 @@ def gallery() -> dict[str, list[Tile]]:
     methods: dict[str, Method] = {
         "direct": Direct(), "mls": MovingLeastSquares(), "lattice": Lattice(), "harmonic": Laplacian(1), "biharmonic": Laplacian(2),
         "similarity": SimilarityLaplacian(), "dual": DualLaplacian(), "rotations": EstimatedRotations(), "arap": Arap(),
-        "smoothed": Arap(smoothing=0.02), "shell": Shell(),
+        "smoothed": Arap(smoothing=2e-4), "shell": Shell(),
     }  # fmt: skip
     shown = {"regions": [tile(region(grazer, radius), grazer, f"radius {radius}") for radius in (SHORT, REACH)]}
     shown |= {name: [pulled.by(method, "pulled"), turned.by(method, "turned")] for name, method in methods.items()}

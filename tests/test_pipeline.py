@@ -10,6 +10,8 @@ from scipy.spatial.transform import Rotation
 from mapping.stars import blob, radial_map, relabelled
 from morphlet import Mesh, VertexPairs
 from morphlet.errors import Cancelled, InputError
+from morphlet.motion.morph import PATHS
+from morphlet.motion.schedule import Schedule
 from morphlet.pipeline import CLEAR, correspond, correspond_maps, morph, morph_along
 from morphlet.samples.anatomy import SPECIES
 from morphlet.samples.creatures import Creature
@@ -188,6 +190,60 @@ def test_morph_starts_at_the_source_and_ends_on_the_target():
     np.testing.assert_array_equal(result.morph(0.4).vertices, result.frames[2].vertices)
 
 
+@pytest.mark.parametrize("path", PATHS)
+def test_every_path_has_the_same_ends_and_its_own_middle(path):
+    source, target = blob(2), blob(3, scale=2)
+    target = target.with_vertices(target.vertices @ Rotation.from_rotvec([0, 0, 2.0]).as_matrix())
+    matched = correspond_maps(radial_map(source), radial_map(target), EVERY_SMALL)
+    result = morph_along(matched, 5, path)
+    straight = morph_along(matched, 5, "linear")
+    assert result.morph.path == path
+    np.testing.assert_array_equal(result.frames.positions[[0, -1]], straight.frames.positions[[0, -1]])
+    gap = np.abs(result.frames.positions[1] - straight.frames.positions[1]).max()
+    assert gap == 0 if path == "linear" else gap > 1e-3
+    assert isinstance(result.figures()["self_intersections_max"], int)
+
+
+def test_a_schedule_is_spread_over_the_bands():
+    matched = correspond_maps(radial_map(blob(2)), radial_map(blob(2, scale=2)), EVERY_SMALL)
+    together = morph_along(matched, 5, "wavelet", Schedule.together(1))
+    np.testing.assert_allclose(together.frames.positions, morph_along(matched, 5, "linear").frames.positions, atol=1e-12)
+    waiting = Schedule([0.6, 0.5], [0.4, 0.5], ("linear", "smoothstep"))
+    late = morph_along(matched, 3, "wavelet", waiting)
+    np.testing.assert_allclose(late.frames.positions[1], late.frames.positions[0], atol=1e-12)
+    assert len(late.morph.schedule) == len(late.morph.bands) > 2
+    assert (late.morph.schedule.start[0], late.morph.schedule.start[-1]) == (0.6, 0.5)
+
+
+def torn(mesh):
+    """A soup of the mesh after a vertex in no face, without its last two faces; and the clean vertex behind each of its vertices."""
+    kept = mesh.faces[:-2].ravel()
+    return Mesh(np.vstack([mesh.vertices[:1] + 0.3, mesh.vertices[kept]]), 1 + np.arange(len(kept)).reshape(-1, 3)), np.append(0, kept)
+
+
+def test_no_seam_opens_on_the_way():
+    """As the whole mesh travels, so does its soup: each triangle a part of its own, and a hole."""
+    clean, target = blob(2), blob(2, scale=2)
+    soup, origin = torn(clean)
+    pairs = VertexPairs(np.array([np.flatnonzero(origin == v)[-1] for v in EVERY_SMALL.source]), EVERY_SMALL.target)
+    result = morph(soup, target, pairs, frames=5)
+    assert result.frames.topology is soup.topology
+    first = np.unique(origin[1:], return_index=True)[1]
+    for moved in result.frames.positions:
+        np.testing.assert_array_equal(moved[1:], moved[1:][first][origin[1:]])
+    assert result.frames.positions[0].tobytes() == soup.vertices.tobytes()
+    assert result.frames.positions[-1].tobytes() == result.matched.correspondence.positions.tobytes()
+    stray = result.frames.positions[:, 0]
+    near = result.frames.positions[:, 1 + int(np.argmin(np.linalg.norm(soup.vertices[1:] - soup.vertices[0], axis=1)))]
+    np.testing.assert_allclose(stray - near, (1 - result.frames.times)[:, None] * (stray - near)[0], atol=1e-12)
+
+
+def test_pairs_on_vertices_that_were_not_mapped_are_refused():
+    soup, _ = torn(blob(2))
+    with pytest.raises(InputError, match="1 source vertices in no face"):
+        correspond(soup, blob(2), VertexPairs([0, 7, 70], [0, 7, 70]))
+
+
 EVERY_SMALL = VertexPairs([0, 30, 60, 90], [0, 30, 60, 90])
 
 
@@ -214,6 +270,10 @@ def test_what_cannot_work_is_refused_before_the_work():
     mesh = blob(1)
     with pytest.raises(InputError, match="at least 2 frames"):
         morph(mesh, mesh, frames=1)
+    with pytest.raises(InputError, match="a path out of linear, gradient, wavelet; found 'crooked'"):
+        morph(mesh, mesh, path="crooked")
+    with pytest.raises(InputError, match='the path "wavelet" for a schedule'):
+        morph_along(correspond_maps(radial_map(mesh), radial_map(mesh), VertexPairs([0, 5, 9], [0, 5, 9])), schedule=Schedule.together(2))
     with pytest.raises(InputError, match="target column"):
         correspond(mesh, mesh, VertexPairs([0, 1], [0, 999]))
 

@@ -11,6 +11,24 @@ if TYPE_CHECKING:
     from morphlet.approximation.surface import ApproximationOptions as ApproximationOptions
     from morphlet.approximation.surface import SurfaceApproximation as SurfaceApproximation
     from morphlet.approximation.surface import approximate as approximate
+    from morphlet.editing.arap import Arap as Arap
+    from morphlet.editing.detail import Multiresolution as Multiresolution
+    from morphlet.editing.editor import RoiEditor as RoiEditor
+    from morphlet.editing.editor import edit as edit
+    from morphlet.editing.estimated import EstimatedRotations as EstimatedRotations
+    from morphlet.editing.falloff import Direct as Direct
+    from morphlet.editing.guard import Guarded as Guarded
+    from morphlet.editing.linear import DualLaplacian as DualLaplacian
+    from morphlet.editing.linear import Laplacian as Laplacian
+    from morphlet.editing.linear import SimilarityLaplacian as SimilarityLaplacian
+    from morphlet.editing.method import Pull as Pull
+    from morphlet.editing.roi import Roi as Roi
+    from morphlet.editing.roi import vertex_path as vertex_path
+    from morphlet.editing.roi import vertices_within as vertices_within
+    from morphlet.editing.script import read_edit as read_edit
+    from morphlet.editing.shell import Shell as Shell
+    from morphlet.editing.space import Lattice as Lattice
+    from morphlet.editing.space import MovingLeastSquares as MovingLeastSquares
     from morphlet.errors import Cancelled as Cancelled
     from morphlet.errors import FileError as FileError
     from morphlet.errors import InputError as InputError
@@ -29,9 +47,12 @@ if TYPE_CHECKING:
     from morphlet.io.formats import write as write
     from morphlet.io.pairs import read_pairs as read_pairs
     from morphlet.io.pairs import write_pairs as write_pairs
+    from morphlet.io.sequences import write_animation as write_animation
     from morphlet.io.sequences import write_sequence as write_sequence
     from morphlet.mapping.alignment import Alignment as Alignment
     from morphlet.mapping.correspondence import Correspondence as Correspondence
+    from morphlet.mapping.correspondence import confidence as confidence
+    from morphlet.mapping.correspondence import doubtful_pairs as doubtful_pairs
     from morphlet.mapping.differential import laplacian_warp as laplacian_warp
     from morphlet.mapping.differential import reconstruct as reconstruct
     from morphlet.mapping.embedding import Embedding as Embedding
@@ -44,15 +65,28 @@ if TYPE_CHECKING:
     from morphlet.mapping.warp import Warp as Warp
     from morphlet.mapping.warp import warp_by_pairs as warp_by_pairs
     from morphlet.metrics import compare as compare
+    from morphlet.motion.bands import Bands as Bands
+    from morphlet.motion.bands import wavelet_bands as wavelet_bands
+    from morphlet.motion.face_pairs import FacePairs as FacePairs
+    from morphlet.motion.face_pairs import pair_faces as pair_faces
     from morphlet.motion.morph import Morph as Morph
+    from morphlet.motion.registration import register as register
+    from morphlet.motion.schedule import Schedule as Schedule
+    from morphlet.motion.transfer import Anchor as Anchor
+    from morphlet.motion.transfer import TransferSolver as TransferSolver
+    from morphlet.motion.transfer import transfer as transfer
     from morphlet.numerics.optimize import Step as Step
     from morphlet.numerics.optimize import Trace as Trace
+    from morphlet.pipeline import Candidate as Candidate
     from morphlet.pipeline import CorrespondResult as CorrespondResult
     from morphlet.pipeline import MorphResult as MorphResult
     from morphlet.pipeline import correspond as correspond
     from morphlet.pipeline import correspond_maps as correspond_maps
     from morphlet.pipeline import morph as morph
     from morphlet.pipeline import morph_along as morph_along
+    from morphlet.placed import PlacedResult as PlacedResult
+    from morphlet.placed import correspond_places as correspond_places
+    from morphlet.placed import correspond_places_maps as correspond_places_maps
     from morphlet.report.render import Picture as Picture
     from morphlet.report.render import render as render
     from morphlet.samples.catalogue import fetch as fetch
@@ -60,6 +94,8 @@ if TYPE_CHECKING:
     from morphlet.samples.creatures import creature as creature
     from morphlet.samples.creatures import landmarks as landmarks
     from morphlet.samples.creatures import sample as sample
+    from morphlet.several import CommonSphere as CommonSphere
+    from morphlet.several import correspond_all as correspond_all
     from morphlet.sphere.embed import SphereOptions as SphereOptions
     from morphlet.sphere.image import SphericalImage as SphericalImage
     from morphlet.sphere.image import spherical_image as spherical_image
@@ -68,8 +104,11 @@ if TYPE_CHECKING:
     from morphlet.sphere.untangle import untangle as untangle
     from morphlet.surface.description import Description as Description
     from morphlet.surface.description import describe as describe
+    from morphlet.surface.intersections import folds as folds
+    from morphlet.surface.intersections import self_intersections as self_intersections
     from morphlet.surface.mesh import Mesh as Mesh
     from morphlet.surface.mesh import Topology as Topology
+    from morphlet.surface.pairs import PointPairs as PointPairs
     from morphlet.surface.pairs import VertexPairs as VertexPairs
     from morphlet.surface.points import SurfacePoints as SurfacePoints
     from morphlet.surface.region import Region as Region
@@ -105,36 +144,56 @@ __version__ = "0.1.0"
 _HOMES = {
     "morphlet.approximation.rows": "RowApproximation RowOptions approximate_by_rows approximate_rows",
     "morphlet.approximation.surface": "ApproximationOptions SurfaceApproximation approximate",
+    "morphlet.editing.arap": "Arap",
+    "morphlet.editing.detail": "Multiresolution",
+    "morphlet.editing.editor": "RoiEditor edit",
+    "morphlet.editing.estimated": "EstimatedRotations",
+    "morphlet.editing.falloff": "Direct",
+    "morphlet.editing.guard": "Guarded",
+    "morphlet.editing.linear": "DualLaplacian Laplacian SimilarityLaplacian",
+    "morphlet.editing.method": "Pull",
+    "morphlet.editing.roi": "Roi vertex_path vertices_within",
+    "morphlet.editing.script": "read_edit",
+    "morphlet.editing.shell": "Shell",
+    "morphlet.editing.space": "Lattice MovingLeastSquares",
     "morphlet.errors": "Cancelled FileError InputError MeshError MissingExtra MorphletError SolveError",
     "morphlet.features.matching": "MatchOptions Matching match",
     "morphlet.features.regions": "RegionOptions Regions find_regions",
     "morphlet.io.formats": "read rewrite write",
     "morphlet.io.pairs": "read_pairs write_pairs",
-    "morphlet.io.sequences": "write_sequence",
+    "morphlet.io.sequences": "write_animation write_sequence",
     "morphlet.mapping.alignment": "Alignment",
-    "morphlet.mapping.correspondence": "Correspondence",
+    "morphlet.mapping.correspondence": "Correspondence confidence doubtful_pairs",
     "morphlet.mapping.differential": "laplacian_warp reconstruct",
     "morphlet.mapping.embedding": "Embedding LeaveOneOut embed leave_one_out",
     "morphlet.mapping.laying": "EmbeddingOptions",
     "morphlet.mapping.overlay": "Overlay overlay",
     "morphlet.mapping.warp": "Warp warp_by_pairs",
     "morphlet.metrics": "compare",
+    "morphlet.motion.bands": "Bands wavelet_bands",
+    "morphlet.motion.face_pairs": "FacePairs pair_faces",
     "morphlet.motion.morph": "Morph",
+    "morphlet.motion.registration": "register",
+    "morphlet.motion.schedule": "Schedule",
+    "morphlet.motion.transfer": "Anchor TransferSolver transfer",
     "morphlet.numerics.optimize": "Step Trace",
-    "morphlet.pipeline": "CorrespondResult MorphResult correspond correspond_maps morph morph_along",
+    "morphlet.pipeline": "Candidate CorrespondResult MorphResult correspond correspond_maps morph morph_along",
+    "morphlet.placed": "PlacedResult correspond_places correspond_places_maps",
     "morphlet.report.render": "Picture render",
     "morphlet.samples.catalogue": "fetch",
     "morphlet.samples.creatures": "Creature creature landmarks sample",
+    "morphlet.several": "CommonSphere correspond_all",
     "morphlet.sphere.embed": "SphereOptions",
     "morphlet.sphere.image": "SphericalImage spherical_image",
     "morphlet.sphere.map": "SphericalMap spherical_map",
     "morphlet.sphere.untangle": "untangle",
     "morphlet.surface.description": "Description describe",
+    "morphlet.surface.intersections": "folds self_intersections",
     "morphlet.surface.mesh": "Mesh Topology",
-    "morphlet.surface.pairs": "VertexPairs",
+    "morphlet.surface.pairs": "PointPairs VertexPairs",
     "morphlet.surface.points": "SurfacePoints",
     "morphlet.surface.region": "Region",
-    "morphlet.surface.repair": "Repair Repaired RepairOptions repair",
+    "morphlet.surface.repair": "Repair RepairOptions Repaired repair",
     "morphlet.surface.sequence": "MeshSequence",
     "morphlet.wavenet.blocks": "NetworkTable",
     "morphlet.wavenet.fit": "Fit FitOptions RowFits fit fit_rows",

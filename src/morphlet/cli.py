@@ -19,16 +19,22 @@ from morphlet.errors import InputError, MeshError, SolveError
 if TYPE_CHECKING:
     import numpy as np
 
+    from morphlet.editing.script import Edit, EditSpec
     from morphlet.features.matching import Matching
     from morphlet.features.regions import RegionOptions, Regions
     from morphlet.io.attributes import Attribute
     from morphlet.mapping.correspondence import Correspondence
-    from morphlet.pipeline import CorrespondResult
+    from morphlet.motion.morph import MorphPath
+    from morphlet.motion.schedule import Schedule
+    from morphlet.numerics.optimize import OnStep
+    from morphlet.pipeline import Candidate, CorrespondResult
+    from morphlet.report.render import Picture
     from morphlet.sphere.embed import SphereOptions
     from morphlet.sphere.map import SphericalMap
     from morphlet.surface.mesh import Mesh
     from morphlet.surface.pairs import VertexPairs
     from morphlet.surface.repair import Repaired
+    from morphlet.surface.sequence import MeshSequence
     from morphlet.wavenet.mothers import Mother
 
     RowChoices = tuple[
@@ -40,6 +46,7 @@ if TYPE_CHECKING:
         Literal["none", "final", "interleaved"],
     ]
     Ends = tuple[Repaired, Repaired]
+    Travel = tuple[int, MorphPath, Schedule | None]
     Approximator = Callable[[SphericalMap, bool], tuple[Any, dict[str, Any]]]
 
 Which = Literal["all", "largest"]
@@ -52,7 +59,13 @@ MESHES = (".ply", ".obj", ".off", ".stl", ".glb")
 """Endings of mesh files that can be written."""
 COLORED = (".ply", ".obj", ".glb")
 """Endings of mesh files that hold colours and texture coordinates."""
+HANDLE, FREE = (0.85, 0.30, 0.28), (0.95, 0.75, 0.35)
+"""The colours of what is pulled and what follows; what stays is clay."""
+TILE, TILES, TILE_COLUMNS = (400, 300), 12, 4
+"""Size in pixels of a picture of an edit among others, most of them on a sheet, and in a row."""
 DEMO_FRAMES = 24
+TURNED = 45.0
+"""Degrees from which a target of a transfer is said to stand otherwise than its reference: half of the way to another axis."""
 RESULT = "result.json"
 NEXT_MOTHER = re.compile(r",(?![^(]*\))")
 """The comma between two mothers, not that within beta2(4,8)."""
@@ -442,23 +455,24 @@ def match(
     def work(run: Run) -> dict[str, Any]:
         run.file(output, ".csv")
         with run.uncounted():
-            from morphlet.features.matching import match as pair
             from morphlet.io.pairs import write_pairs
+            from morphlet.pipeline import trust
 
         ends = _closed(run, a, (component, cut_handles)), _closed(run, b, (component, cut_handles))
         given = _given(pairs, ends)
         found_a, found_b = (_regions(run, end, path) for end, path in zip(ends, (a, b), strict=True))
-        run.stage("matching")
-        found = pair(found_a, found_b, _inside(given, ends))
-        for warning in found.warnings:
-            run.say(f"{'AMBIGUOUS' if found.ambiguous else 'note'}: {warning}")
+        found, tried, told = _settled(run, (found_a, found_b), _inside(given, ends), ends, (a.name, b.name))
+        margin, ambiguous = trust(found, tried)
+        for warning in told:
+            run.say(f"{'AMBIGUOUS' if ambiguous else 'note'}: {warning}")
         write_pairs(run.place(output), _outside(found, given, ends))
         if common.picture is not None:
             with run.uncounted():
                 from morphlet.report.features import matching_picture
 
             matching_picture(found_a, found_b, found).save(run.place(common.picture))
-        return _trust(found) | {"repairs": {"source": _repairs(ends[0]), "target": _repairs(ends[1])}}
+        sure = {"margin": margin, "ambiguous": ambiguous, "warnings": told}
+        return _trust(found) | sure | {"repairs": {"source": _repairs(ends[0]), "target": _repairs(ends[1])}}
 
     return execute("match", _inputs(a, b, pairs), common, work)
 
@@ -510,7 +524,8 @@ def morph(
     output: Output,
     pairs: Pairs = None,
     frames: int = 24,
-    path: Literal["linear"] = "linear",
+    path: Literal["gradient", "linear", "wavelet"] = "gradient",
+    schedule: Path | None = None,
     format: Literal["ply", "obj"] = "ply",
     component: Kept = "all",
     cut_handles: Cuts = 0,
@@ -531,7 +546,11 @@ def morph(
     frames
         How many, both ends included.
     path
-        Trajectory of the vertices.
+        How vertices travel: faces turn and stretch (gradient), straight lines (linear), or the coarse shape first and details later
+        (wavelet).
+    schedule
+        TOML file for --path wavelet that says when each resolution moves, from coarse to fine, as many as you like:
+        [[band]] start = 0.0, duration = 0.5, easing = "smoothstep" (or "linear", "smootherstep").
     format
         File format of the frames.
     """
@@ -540,10 +559,106 @@ def morph(
         run.folder(output)
         if frames < 2:
             raise InputError("at least 2 frames, the source and the target", str(frames), "ask for more frames")
+        travel = (frames, path, _schedule(schedule, path))
         matched = _matched(run, (a, b), pairs, (component, cut_handles))
-        return _tell(run, matched, frames, (output, run.place(output)), (a, format))
+        return _tell(run, matched, travel, (output, run.place(output)), (a, format))
 
-    return execute("morph", _inputs(a, b, pairs), common, work)
+    return execute("morph", [*_inputs(a, b, pairs), *([] if schedule is None else [schedule])], common, work)
+
+
+@app.command
+def deform(mesh: Path, spec: Path, /, *, output: Output, common: Common = DEFAULTS) -> int:
+    """Edit a mesh as a TOML file tells: pull a handle, keep anchors, let the rest follow.
+
+    handle = [1, 2, 3] or {center = [x, y, z], radius = "5%"}; anchors = [7, 8] or roi = {radius = "30%", metric = "geodesic"}; translate,
+    rotate = {axis, degrees, center}, scale, or targets, or path = [{translate = ...}, ...]; method = "arap", "rotations", "laplacian",
+    "biharmonic", "direct" (falloff), "mls" ([mls] kind, alpha) or "ffd" ([ffd] lattice, basis); weight for a soft handle; for arap also
+    smoothing = 2e-4, volume = true, guard = "self-intersection"; detail = "multiresolution".
+
+    Parameters
+    ----------
+    mesh
+        File to edit. Seams are closed for the edit: vertices at one place move together.
+    spec
+        TOML file; vertices are numbered as in the mesh file, radii are in mesh units or in percent of the bounding-box diagonal.
+    output
+        Mesh file that keeps colours, texture coordinates and materials; with a path a folder for frame-000 ... and result.json, whose
+        figures are those of the last frame.
+    """
+
+    def work(run: Run) -> dict[str, Any]:
+        with run.uncounted():
+            from morphlet.editing.script import read_spec
+            from morphlet.io.formats import rewrite
+            from morphlet.io.sequences import write_sequence
+
+        told = read_spec(spec)
+        if told.sequence:
+            run.folder(output)
+        else:
+            run.file(output, *MESHES)
+        surface = _welded(run, mesh)
+        _warm_edits(run)
+        edited, figures = _edited(run, surface, told)
+        frames = _as_in_file(surface, edited)
+        if told.sequence:
+            ending = mesh.suffix.lower() if mesh.suffix.lower() in MESHES else MESHES[0]
+            made = write_sequence(run.place(output), frames, template=mesh, ending=ending)
+            outputs = [*(output / file.name for file in made), output / RESULT]
+            text = json.dumps(plain(run.head(outputs) | figures), indent=1)
+            (run.place(output) / RESULT).write_text(text, encoding="utf-8")
+        else:
+            rewrite(mesh, frames[0], run.place(output))
+        return figures
+
+    return execute("deform", [mesh, spec], common, work)
+
+
+@app.command
+def transfer(
+    reference: Path,
+    /,
+    *pose: Path,
+    to: Path,
+    output: Output,
+    pairs: Pairs = None,
+    common: Common = DEFAULTS,
+) -> int:
+    """Give another mesh the poses of a reference.
+
+    The target has to stand as the reference does. With three pairs or more it may have holes, handles and several parts; without pairs
+    both must have a spherical map, and feature regions are found and matched.
+
+    Parameters
+    ----------
+    reference
+        Mesh at rest.
+    pose
+        Files of the same mesh in other poses: vertices and faces in its order. One or more.
+    to
+        The target: the mesh that is to take the poses.
+    output
+        Folder for a file per pose: its name, with the ending, colours, texture coordinates and materials of the target.
+    """
+
+    def work(run: Run) -> dict[str, Any]:
+        with run.uncounted():
+            from morphlet.io.formats import format_by_ending, prepare_rewrite, put, read
+
+        run.folder(output)
+        _require_poses(pose)
+        format_by_ending(to)
+        rest, ending = read(reference), to.suffix.lower()
+        poses = [_pose(rest, file) for file in pose]
+        target, solved, figures = _transferred(run, (reference, to), poses, pairs)
+        moved, rendered = _as_in_file(target, solved), prepare_rewrite(to, ending)
+        run.place(output).mkdir(exist_ok=True)
+        for k, file in enumerate(pose):
+            put(run.place(output) / f"{file.stem}{ending}", rendered(moved[k]))
+        _draw_rows(run, [[rest, *poses], [target.source, *(moved[k] for k in range(len(moved)))]])
+        return {"poses": len(poses)} | figures
+
+    return execute("transfer", [reference, *pose, to, *([] if pairs is None else [pairs])], common, work)
 
 
 @app.command
@@ -720,7 +835,7 @@ def demo(*, output: Output = Path("morphlet-demo"), vertices: int | None = None,
         a, b, pairs = write_inputs(meshes, creatures.DEFAULT_VERTICES if vertices is None else vertices)
         matched = _matched(run, (a, b), pairs, ("all", 0))
         run.say(f"mean distance to the known true places: {true_error(matched):.1f} % of sqrt(area)")
-        found = _tell(run, matched, DEMO_FRAMES, (output / "morph", morphed), (a, "ply"))
+        found = _tell(run, matched, (DEMO_FRAMES, "gradient", None), (output / "morph", morphed), (a, "ply"))
         run.say(f"\nLook at  {output / 'morph' / 'contact-sheet.png'}\nand open {output / 'morph' / 'report.html'}")
         return found
 
@@ -733,13 +848,14 @@ def warmup(*, common: Common = DEFAULTS) -> int:
 
     def work(run: Run) -> dict[str, Any]:
         with run.uncounted():
-            from morphlet.warm import compile_kernels, compiled
+            from morphlet.warm import compile_edits, compile_kernels, compiled
 
         if common.picture is not None:
             raise InputError("no --picture for warmup", "one", "leave it out: there is nothing to draw")
-        before = compiled()
+        before = compiled() and compiled("edits")
         run.stage("compiling kernels")
         compile_kernels()
+        compile_edits()
         return {"compiled_before": before}
 
     return execute("warmup", [], common, work)
@@ -751,7 +867,7 @@ def _warm(run: Run) -> None:
         from morphlet.warm import compile_kernels, compiled
 
         if not compiled():
-            run.say("compiling the kernels: once, about a minute; later runs start at once")
+            run.say("compiling the kernels: once, about half a minute; later runs start at once")
             run.stage("compiling kernels")
             compile_kernels()
 
@@ -797,7 +913,7 @@ def _matched(run: Run, ends: tuple[Path, Path], pairs: Path | None, mending: tup
         from morphlet.pipeline import correspond_maps
 
     source, target = _closed(run, ends[0], mending), _closed(run, ends[1], mending)
-    given = None if pairs is None else read_pairs(pairs).checked(source.source, target.source)
+    given = None if pairs is None else read_pairs(pairs).checked(source.source, target.source).answered(source.valid, target.valid)
     if given is not None and not len(given):
         raise InputError(f"pairs in {pairs}", "a header without any", "add pairs, or leave --pairs out to have regions matched")
     maps = _mapped(run, source, ends[0].name), _mapped(run, target, ends[1].name)
@@ -874,7 +990,7 @@ def _given(pairs: Path | None, ends: "Ends") -> "VertexPairs | None":
 
     if pairs is None:
         return None
-    given = read_pairs(pairs).checked(ends[0].source, ends[1].source)
+    given = read_pairs(pairs).checked(ends[0].source, ends[1].source).answered(ends[0].valid, ends[1].valid)
     if not len(given):
         raise InputError(f"pairs in {pairs}", "a header without any", "add pairs, or leave --pairs out")
     for name, surface, vertices in zip(("source", "target"), ends, (given.source, given.target), strict=True):
@@ -909,11 +1025,27 @@ def _outside(found: "Matching", given: "VertexPairs | None", ends: "Ends") -> "V
     return VertexPairs(source, target, pairs.weight, labels)
 
 
+def _settled(
+    run: Run, regions: "tuple[Regions, Regions]", given: "VertexPairs | None", ends: "Ends", names: tuple[str, str]
+) -> "tuple[Matching, tuple[Candidate, ...], tuple[str, ...]]":
+    """Regions matched, what was tried, what is doubtful; spheres are made only where several matchings are nearly as good."""
+    with run.uncounted():
+        from morphlet.features.matching import candidates
+        from morphlet.pipeline import settled
+
+    run.stage("matching")
+    found = candidates(*regions, given)
+    if len(found) == 1:
+        return found[0], (), found[0].warnings
+    maps = [_mapped(run, end, name) for end, name in zip(ends, names, strict=True)]
+    run.stage("coarse maps")
+    return settled(maps[0], maps[1], found, run.on_step)
+
+
 def _trust(found: "Matching") -> dict[str, Any]:
-    """What `match` tells."""
-    names = ("cost", "margin", "ambiguous", "runner_up", "reflected")
-    figures = {"pairs": len(found.pairs)} | {name: getattr(found, name) for name in names}
-    return figures | {"tips": found.n_tips, "regions": found.regions, "warnings": found.warnings}
+    """What `match` tells of a matching as such."""
+    figures = {"pairs": len(found.pairs)} | {name: getattr(found, name) for name in ("cost", "runner_up", "reflected")}
+    return figures | {"tips": found.n_tips, "regions": found.regions}
 
 
 def _files(words: Sequence[str]) -> list[Path | str]:
@@ -1082,20 +1214,36 @@ def _require_met(worst: float, error: float, wavelets: int) -> None:
 
 def _found(matched: "CorrespondResult") -> dict[str, Any]:
     """What `correspond` tells."""
+    return matched.figures() | _circumstances(matched)
+
+
+def _circumstances(matched: "CorrespondResult") -> dict[str, Any]:
+    """How a map came about."""
     repairs = {"source": _repairs(matched.source_map.surface), "target": _repairs(matched.target_map.surface)}
-    how = {"alignment": matched.alignment.method, "warnings": list(matched.warnings), "repairs": repairs}
-    return matched.figures() | how
+    return {"alignment": matched.alignment.method, "warnings": list(matched.warnings), "repairs": repairs}
 
 
-def _tell(run: Run, matched: "CorrespondResult", frames: int, folder: tuple[Path, Path], template: tuple[Path, str]) -> dict[str, Any]:
+def _schedule(path: Path | None, travel: str) -> "Schedule | None":
+    """The schedule of a file, for the only path that has use for one."""
+    from morphlet.motion.schedule import Schedule
+
+    if path is None:
+        return None
+    if travel != "wavelet":
+        raise InputError("--path wavelet for a --schedule", f"--path {travel}", "add --path wavelet, or leave the schedule out")
+    return Schedule.read(path)
+
+
+def _tell(run: Run, matched: "CorrespondResult", travel: "Travel", folder: tuple[Path, Path], template: tuple[Path, str]) -> dict[str, Any]:
     """Morph along a correspondence and write everything `morph` promises: for the first folder, into the second."""
     with run.uncounted():
         from morphlet.pipeline import morph_along
         from morphlet.report.story import write_morph
 
+        _compile_frames()
     run.stage("frames")
-    result = morph_along(matched, frames)
-    figures = _found(matched) | result.figures() | {"path": result.morph.path}
+    result = morph_along(matched, *travel)
+    figures = result.figures() | _circumstances(matched) | {"path": result.morph.path}
     run.stage("pictures")
     final, made = folder
     sheet = write_morph(made, result, figures, template)
@@ -1104,6 +1252,291 @@ def _tell(run: Run, matched: "CorrespondResult", frames: int, folder: tuple[Path
     outputs = [final / name for name in sorted([*(file.name for file in made.iterdir()), RESULT])]
     (made / RESULT).write_text(json.dumps(plain(run.head(outputs) | figures), indent=1), encoding="utf-8")
     return figures
+
+
+def _compile_frames() -> None:
+    """Move a small ball on its way and measure it, so that all kernels are compiled."""
+    from morphlet.motion.morph import Morph, self_intersections_max
+    from morphlet.numerics.unit_sphere import icosphere
+    from morphlet.surface.mesh import Mesh
+
+    ball = Mesh(*icosphere(1))
+    self_intersections_max(Morph(ball, 2 * ball.vertices, "gradient").frames(3))
+
+
+def _welded(run: Run, path: Path) -> "Repaired":
+    """A mesh file with its seams closed and its faces turned alike, what was mended said aloud."""
+    with run.uncounted():
+        from morphlet.io.formats import read
+        from morphlet.surface.repair import RepairOptions, repair
+
+    surface = repair(read(path), RepairOptions(split=False))
+    for done in surface.repairs:
+        run.say(f"{path.name}: {done.what} ({done.count})")
+    return surface
+
+
+def _edited(run: Run, surface: "Repaired", told: "EditSpec") -> "tuple[MeshSequence, dict[str, Any]]":
+    """The edit of a welded mesh, frame by frame, and what `deform` tells of it; its picture, if one was asked for."""
+    with run.uncounted():
+        import time
+        from dataclasses import replace
+
+        import numpy as np
+
+        from morphlet.editing.editor import RoiEditor
+        from morphlet.surface.sequence import MeshSequence
+
+    edit = told.on(surface.mesh, np.where(surface.valid, surface.vertex_map, -1))
+    run.stage(f"prepare {edit.name}")
+    began = time.perf_counter()
+    editor = RoiEditor.prepare(edit.roi, edit.method)
+    spent = [time.perf_counter() - began]
+    run.stage("frames")
+    positions, start = np.repeat(surface.mesh.vertices[None], len(edit.pulls), axis=0), None
+    for frame, pull in zip(positions, edit.pulls, strict=True):
+        steps = list[Any]()
+        began = time.perf_counter()
+        start = editor.positions(replace(pull, start=start), _both(steps.append, run.on_step))
+        spent.append(time.perf_counter() - began)
+        frame[edit.roi.moving] = start
+    frames = MeshSequence(surface.mesh.topology, positions, np.arange(len(positions), dtype=float))
+    figures = _strain(edit, frames[len(frames) - 1]) | {"iterations": max(len(steps), 1), "frames": len(frames)}
+    _draw_edit(run, edit, frames)
+    times = {"prepare_seconds": spent[0], "frame_seconds": spent[-1], "repairs": _repairs(surface)}
+    return frames, {"method": edit.name} | figures | times
+
+
+def _require_poses(files: Sequence[Path]) -> None:
+    """Refuse no poses, and such that would be written to one file."""
+    stems = [file.stem for file in files]
+    if not stems:
+        raise InputError("at least one pose", "none", "name the files of the poses after the reference")
+    twice = next((stem for stem in stems if stems.count(stem) > 1), None)
+    if twice is not None:
+        raise InputError("poses with different names", f"{twice} twice", "rename one of the files")
+
+
+def _pose(rest: "Mesh", path: Path) -> "Mesh":
+    """A pose of the reference; errors name the file."""
+    import numpy as np
+
+    from morphlet.io.formats import read
+
+    found = read(path)
+    if found.n_vertices != rest.n_vertices or not np.array_equal(found.faces, rest.faces):
+        needed = f"a pose of the reference's {rest.n_vertices} vertices and {rest.n_faces} faces in {path}"
+        told = f"{found.n_vertices} vertices, {found.n_faces} faces" + ("" if found.faces.shape != rest.faces.shape else " of others")
+        raise InputError(needed, told, "export the pose with the faces of the reference, in its order")
+    return rest.with_vertices(found.vertices)
+
+
+def _transferred(
+    run: Run, ends: tuple[Path, Path], poses: "list[Mesh]", pairs: Path | None
+) -> "tuple[Repaired, MeshSequence, dict[str, Any]]":
+    """The target without seams, in every pose, and what `transfer` tells of it."""
+    with run.uncounted():
+        import time
+
+        import numpy as np
+
+        from morphlet.motion.face_pairs import FacePairs, pair_faces
+        from morphlet.motion.transfer import TransferSolver
+        from morphlet.surface.sequence import MeshSequence
+
+        _compile_transfer()
+    if pairs is None:
+        _warm(run)
+    began = time.perf_counter()
+    target = _welded(run, ends[1])
+    surface, laid, used, told = _laid(run, ends, target, pairs)
+    told = (*told, *_standing(run, surface.mesh, laid))
+    run.stage("prepare")
+    found = pair_faces(laid, target.mesh)
+    own = surface.face_map[found.source]
+    links = FacePairs(own[own >= 0], found.target[own >= 0])
+    solver = TransferSolver.prepare(surface.source, target.mesh, links)
+    spent = [time.perf_counter() - began]
+    run.stage("poses")
+    solved = []
+    for pose in poses:
+        began = time.perf_counter()
+        solved.append(solver.solve(pose).vertices)
+        spent.append(time.perf_counter() - began)
+    frames = MeshSequence(target.mesh.topology, np.stack(solved), np.arange(len(solved), dtype=float))
+    times = {"prepare_seconds": spent[0], "pose_seconds": float(np.median(spent[1:]))}
+    mended = {"source": _repairs(surface), "target": _repairs(target)}
+    return target, frames, times | {"pairs": used, "face_pairs": len(links), "warnings": told, "repairs": mended}
+
+
+def _laid(run: Run, ends: tuple[Path, Path], target: "Repaired", pairs: Path | None) -> "tuple[Repaired, Mesh, int, tuple[str, ...]]":
+    """The reference as a surface, laid on the target; how many pairs were used; what is doubtful. By pairs, or through the spheres."""
+    if pairs is None:
+        matched = _matched(run, ends, None, ("all", 0))
+        return matched.source_map.surface, matched.carried, len(matched.pairs), matched.warnings
+    with run.uncounted():
+        from morphlet.io.pairs import read_pairs
+        from morphlet.motion.registration import register
+
+    surface = _welded(run, ends[0])
+    given = read_pairs(pairs).checked(surface.source, target.source).answered(surface.valid, target.valid)
+    inside = _inside(given, (surface, target))
+    run.stage("registration")
+    return surface, register(surface.mesh, target.mesh, given if inside is None else inside), len(given), ()
+
+
+def _standing(run: Run, reference: "Mesh", laid: "Mesh") -> tuple[str, ...]:
+    """What is to be said, and is, if the target stands turned against the reference: deformations know no other directions than space's."""
+    import numpy as np
+
+    from morphlet.numerics.rigid import kabsch
+
+    try:
+        before, after = (mesh.vertices - mesh.vertices.mean(axis=0) for mesh in (reference, laid))
+        turn = kabsch(before, after, reference.vertex_areas)
+    except InputError:  # several rotations fit as well: a ball has no side
+        return ()
+    degrees = float(np.degrees(np.arccos(np.clip((np.trace(turn) - 1) / 2, -1, 1))))
+    if degrees < TURNED:
+        return ()
+    told = f"the target stands turned by {degrees:.0f} degrees against the reference, which poses do not follow: turn one of them first"
+    run.say(f"note: {told}")
+    return (told,)
+
+
+def _compile_transfer() -> None:
+    """Give a small ball a pose, so that all kernels are compiled."""
+    import numpy as np
+
+    from morphlet.motion.face_pairs import pair_faces
+    from morphlet.motion.registration import register
+    from morphlet.motion.transfer import transfer as give
+    from morphlet.numerics.unit_sphere import icosphere
+    from morphlet.surface.mesh import Mesh
+    from morphlet.surface.pairs import VertexPairs
+
+    ball, chosen = Mesh(*icosphere(1)), np.arange(4)
+    give(ball, ball, ball, pair_faces(register(ball, ball, VertexPairs(chosen, chosen)), ball))
+
+
+def _both(first: "OnStep", second: "OnStep") -> "OnStep":
+    """Tell two about a step."""
+
+    def tell(step: Any) -> None:
+        first(step)
+        second(step)
+
+    return tell
+
+
+def _warm_edits(run: Run) -> None:
+    """Compile the kernels of editing if this is the first edit, and say so."""
+    with run.uncounted():
+        from morphlet.warm import compile_edits, compiled
+
+        if not compiled("edits"):
+            run.say("compiling the kernels of editing: once, about a quarter of a minute; later edits start at once")
+            run.stage("compiling kernels")
+            compile_edits()
+
+
+def _as_in_file(surface: "Repaired", frames: "MeshSequence") -> "MeshSequence":
+    """Frames of a welded mesh with the vertices of its file; one in no face moves as the nearest that is in one."""
+    import numpy as np
+
+    from morphlet.surface.sequence import MeshSequence
+
+    moved = frames.positions[:, surface.vertex_map]
+    carried = surface.source.vertices + (moved - surface.mesh.vertices[surface.vertex_map])
+    positions = np.where(surface.valid[:, None], moved, carried)
+    return MeshSequence(surface.source.topology, positions, frames.times)
+
+
+def _strain(edit: "Edit", deformed: "Mesh") -> dict[str, Any]:
+    """What an edit did to the shape."""
+    from dataclasses import asdict
+
+    from morphlet import metrics
+    from morphlet.editing.falloff import rate
+    from morphlet.surface.intersections import self_intersections
+
+    rest, roi = edit.roi.mesh, edit.roi
+    return {
+        "energy": metrics.arap_energy(rest, deformed),
+        "volume_change": metrics.volume_change(rest, deformed),
+        "edge_strain_rms": metrics.edge_strain_rms(rest, deformed),
+        "laplacian_error": metrics.laplacian_error(rest, deformed),
+        "self_intersections": len(self_intersections(deformed)),
+        "deformation_rate": asdict(rate(roi, deformed)) if len(roi.anchors) else None,
+        "handle_rms": metrics.rms(deformed.vertices[roi.handle], edit.pulls[-1].targets),
+        "handle": len(roi.handle),
+        "free": len(roi.free),
+        "anchors": len(roi.anchors),
+    }
+
+
+def _draw_edit(run: Run, edit: "Edit", frames: "MeshSequence") -> None:
+    """The picture of rest and edit, handle, free vertices and anchors in their colours, if one was asked for."""
+    if run.common.picture is None:
+        return
+    with run.uncounted():
+        import numpy as np
+
+        from morphlet.report.camera import view
+        from morphlet.report.look import Look
+        from morphlet.report.render import CLAY, render
+
+    rest, n = edit.roi.mesh, edit.roi.mesh.n_vertices
+    colors = np.tile(CLAY, (n, 1))
+    colors[edit.roi.free], colors[edit.roi.handle] = FREE, HANDLE
+    picked = np.unique(np.linspace(0, len(frames) - 1, min(len(frames), TILES - 1)).round()).astype(int)
+    shown = [rest, *(frames[k] for k in picked.tolist())]
+    look = Look() if len(shown) == 2 else Look(size=TILE)
+    camera = view(rest).framed(_together(shown))
+    _tiled([render(shape, colors=colors, camera=camera, look=look) for shape in shown], TILE_COLUMNS).save(run.place(run.common.picture))
+
+
+def _draw_rows(run: Run, rows: "list[list[Mesh]]") -> None:
+    """The picture of rows of meshes above each other, the first of each and others evenly chosen, if one was asked for."""
+    if run.common.picture is None:
+        return
+    with run.uncounted():
+        import numpy as np
+
+        from morphlet.report.camera import view
+        from morphlet.report.look import Look
+        from morphlet.report.render import render
+
+    count = len(rows[0])
+    picked = np.unique(np.linspace(0, count - 1, min(count, TILES // 2)).round()).astype(int).tolist()
+    seen, tiles = view(rows[0][0]), []
+    for row in ([meshes[k] for k in picked] for meshes in rows):
+        centred = [shape.with_vertices(shape.vertices - shape.vertices.mean(axis=0)) for shape in row]
+        camera = seen.framed(_together(centred))
+        tiles += [render(shape, camera=camera, look=Look(size=TILE)) for shape in centred]
+    _tiled(tiles, len(picked)).save(run.place(run.common.picture))
+
+
+def _together(shapes: "Sequence[Mesh]") -> "Mesh":
+    """Several meshes of one connectivity as one."""
+    import numpy as np
+
+    from morphlet.surface.mesh import Mesh
+
+    faces, n = shapes[0].faces, shapes[0].n_vertices
+    return Mesh(np.concatenate([shape.vertices for shape in shapes]), np.concatenate([faces + k * n for k in range(len(shapes))]))
+
+
+def _tiled(tiles: "Sequence[Picture]", most: int) -> "Picture":
+    """Pictures in rows of at most so many, white where the last is not full."""
+    from dataclasses import replace
+
+    import numpy as np
+
+    columns = min(len(tiles), most)
+    pixels = [tile.pixels for tile in tiles] + [np.full_like(tiles[0].pixels, 255)] * (-len(tiles) % columns)
+    rows = [np.hstack(pixels[k : k + columns]) for k in range(0, len(pixels), columns)]
+    return replace(tiles[0], pixels=np.vstack(rows))
 
 
 def _draw(run: Run, shape: "Mesh") -> None:

@@ -6,7 +6,8 @@
 3. Turn the source's sphere so that paired vertices come near each other (section 6.2, Eq. 7), and let a wavelet network move
    them further, smoothly (section 6.2).
 4. Lay the source into the target's sphere from there, coarse to fine, pairs onto each other, without folds.
-5. Compose: up from the source, down to the target; move the source's vertices to their images (section 7.2).
+5. Compose: up from the source, down to the target; move the source's vertices to their images (section 7.2), on straight lines,
+   with each resolution at its own time, or so that faces turn and stretch.
 """
 
 from dataclasses import dataclass, replace
@@ -22,11 +23,13 @@ from morphlet.features.regions import find_regions
 from morphlet.features.signature import local_area, signature
 from morphlet.mapping import correspondence as quality
 from morphlet.mapping.alignment import SPREAD, Alignment, SphereSamples, align_by_pairs, align_by_search
-from morphlet.mapping.correspondence import Correspondence
+from morphlet.mapping.correspondence import Correspondence, compose, doubts
 from morphlet.mapping.embedding import embed, sketch
 from morphlet.mapping.overlay import Overlay, overlay
 from morphlet.mapping.warp import warp_by_pairs
-from morphlet.motion.morph import Morph, edge_log_rms_max, volume_change_max
+from morphlet.motion.bands import wavelet_bands
+from morphlet.motion.morph import PATHS, Morph, MorphPath, edge_log_rms_max, self_intersections_max, volume_change_max
+from morphlet.motion.schedule import Schedule
 from morphlet.numerics.optimize import OnStep
 from morphlet.sphere.map import SphericalMap, spherical_map
 from morphlet.surface.mesh import Mesh, Topology
@@ -117,12 +120,18 @@ class CorrespondResult:
     @cached_property
     def correspondence(self) -> Correspondence:
         """Where each vertex of the source lies on the target."""
-        return Correspondence(self.source_map.mesh, self.target_map.mesh, self.target_map.locate(self.laid.points), self.laid.valid)
+        return compose(self.laid, self.target_map)
 
     @cached_property
     def inverse(self) -> Correspondence:
         """Where each vertex of the target lies on the source: the same map, read backwards."""
-        return Correspondence(self.target_map.mesh, self.source_map.mesh, self.laid.locate(self.target_map.points), self.target_map.valid)
+        return compose(self.target_map, self.laid)
+
+    @cached_property
+    def carried(self) -> Mesh:
+        """The closed surface of the source with its vertices where they lie on the target."""
+        places = self.target_map.locate(self.laid.closed_points)
+        return self.source_map.surface.mesh.with_vertices(places.positions(self.target_map.mesh))
 
     def refinement(self) -> Overlay:
         """The common refinement of both closed surfaces: a connectivity that meets both exactly.
@@ -140,14 +149,12 @@ class CorrespondResult:
         """Whether another correspondence is nearly as good, as far as the matching or the search can tell."""
         if self.alignment.ambiguous or self.matching is None:
             return self.alignment.ambiguous
-        return self.matching.strange or not _clear(self.candidates) if self.candidates else self.matching.ambiguous
+        return trust(self.matching, self.candidates)[1]
 
     @property
     def margin(self) -> float | None:
         """How much better the matching is than the next: by the scores of the candidates if some were tried; of the search without one."""
-        if self.candidates:
-            return _ahead(self.candidates)
-        return self.alignment.margin if self.matching is None else self.matching.margin
+        return self.alignment.margin if self.matching is None else trust(self.matching, self.candidates)[0]
 
     def figures(self) -> Figures:
         """What there is to say about the map.
@@ -172,7 +179,18 @@ class CorrespondResult:
 
 @dataclass(frozen=True, eq=False)
 class MorphResult:
-    """A morph, its frames, and the correspondence it follows."""
+    """A morph, its frames, and the correspondence it follows.
+
+    Parameters
+    ----------
+    matched
+        The correspondence.
+    morph
+        Mesh by time: of the source as given, but of its closed surface for a "gradient" path of a mesh that was mended, so that no
+        seam opens on the way.
+    frames
+        The source as given, at equal steps of time.
+    """
 
     matched: CorrespondResult
     morph: Morph
@@ -182,14 +200,15 @@ class MorphResult:
         """The figures of the correspondence, and of the frames.
 
         `volume_change_max` (percent, signed) and `edge_log_rms_max` compare each frame with the straight line between the ends;
-        `mse` (Eq. 9) and `deformation_rate` (percent of the bounding-box diagonal) compare the last frame with the first.
+        `self_intersections_max` is the largest number of pairs of triangles that cross in a frame, both ends included; `mse` (Eq. 9)
+        and `deformation_rate` (percent of the bounding-box diagonal) compare the last frame with the first.
         """
-        first, last = self.morph.source.vertices, self.morph.target_positions
+        first, last = self.frames.positions[0], self.frames.positions[-1]
         return self.matched.figures() | {
             "frames": len(self.frames),
             "volume_change_max": volume_change_max(self.frames),
             "edge_log_rms_max": edge_log_rms_max(self.frames),
-            "self_intersections_max": None,
+            "self_intersections_max": self_intersections_max(self.frames),
             "mse": metrics.mse(last, first),
             "deformation_rate": metrics.deformation_rate(last, first),
         }
@@ -265,7 +284,7 @@ def correspond_maps(
     >>> result.figures()["pairs"], round(result.figures()["pairs_rmse"], 3)
     (3, 0.0)
     """
-    given = NO_PAIRS if pairs is None else _different(pairs.checked(source_map.mesh, target_map.mesh))
+    given = NO_PAIRS if pairs is None else _different(_answered(pairs, source_map, target_map))
     matching, tried, told = (None, (), ()) if len(given) >= FEWEST else matched_regions(source_map, target_map, given, on_step)
     used = given if matching is None else _as_given(_landmarks(matching), source_map.surface, target_map.surface)
     alignment = aligned(source_map, target_map, used)
@@ -275,7 +294,8 @@ def correspond_maps(
     if len(laid.unmet):
         told = (*told, UNMET.format(count=len(laid.unmet), all=len(used)))
     on_sphere = SphericalMap(source_map.surface, laid.closed_points, laid.trace)
-    return CorrespondResult(source_map, target_map, alignment, on_sphere, used, matching, told, tried)
+    found = CorrespondResult(source_map, target_map, alignment, on_sphere, used, matching, told, tried)
+    return replace(found, warnings=(*told, *doubts(found.correspondence, used)))
 
 
 def matched_regions(
@@ -298,12 +318,54 @@ def matched_regions(
         found = candidates(find_regions(source.mesh), find_regions(target.mesh), closed if len(closed) else None)
     except MeshError as error:
         return None, (), (UNMATCHED.format(reason=error.found),)
+    return settled(source_map, target_map, found, on_step)
+
+
+def settled(
+    source_map: SphericalMap, target_map: SphericalMap, found: tuple[Matching, ...], on_step: OnStep | None = None
+) -> tuple[Matching, tuple[Candidate, ...], tuple[str, ...]]:
+    """The one of some matchings of the closed surfaces that coarse maps speak for; what was tried; what is doubtful about it.
+
+    Parameters
+    ----------
+    source_map, target_map
+        Spherical maps of both meshes; not looked at for a single matching.
+    found
+        Matchings, cheapest first, as from `candidates`.
+    on_step
+        As for `correspond`.
+
+    Examples
+    --------
+    >>> from morphlet import Mesh
+    >>> from morphlet.features.matching import Matching
+    >>> from morphlet.numerics.unit_sphere import icosphere
+    >>> from morphlet.sphere.map import spherical_map
+    >>> from morphlet.surface.pairs import VertexPairs
+    >>> ball = spherical_map(Mesh(*icosphere(1)))
+    >>> only = Matching(np.zeros((0, 2), int), VertexPairs([0, 1, 2], [0, 1, 2]), 0.1, 0.5, 0.6, (3, 3))
+    >>> settled(ball, ball, (only,))[0] is only
+    True
+    """
     if len(found) == 1:
         return found[0], (), found[0].warnings
     tried = _tried(source_map, target_map, found, on_step)
     said = TRIED.format(count=len(tried), said=DECIDED if _clear(tried) else UNDECIDED, margin=_ahead(tried))
     exchanged = (EXCHANGED.format(margin=tried[1].score - tried[0].score),) if tried[1].score - tried[0].score < CLEAR else ()
     return tried[0].matching, tried, (said, *(exchanged if _clear(tried) else ()), *tried[0].matching.doubts)
+
+
+def trust(matching: Matching, tried: tuple[Candidate, ...]) -> tuple[float | None, bool]:
+    """How much better a matching is than the next, and whether another is nearly as good: by the scores of what was tried, if any.
+
+    Examples
+    --------
+    >>> from morphlet.features.matching import Matching
+    >>> from morphlet.surface.pairs import VertexPairs
+    >>> trust(Matching(np.zeros((0, 2), int), VertexPairs([0, 1, 2], [0, 1, 2]), 0.1, 0.5, 0.6, (3, 3)), ())
+    (0.4, False)
+    """
+    return (_ahead(tried), matching.strange or not _clear(tried)) if tried else (matching.margin, matching.ambiguous)
 
 
 def _tried(
@@ -369,7 +431,14 @@ def aligned(source_map: SphericalMap, target_map: SphericalMap, pairs: VertexPai
     return replace(turned, warp=warp_by_pairs(turned(points), goals, n_wavelets, pairs.weight))
 
 
-def morph(source: Mesh, target: Mesh, pairs: VertexPairs | None = None, frames: int = 24, on_step: OnStep | None = None) -> MorphResult:
+def morph(
+    source: Mesh,
+    target: Mesh,
+    pairs: VertexPairs | None = None,
+    frames: int = 24,
+    on_step: OnStep | None = None,
+    path: MorphPath = "gradient",
+) -> MorphResult:
     """A sequence of meshes from the source to the shape of the target.
 
     Parameters
@@ -378,6 +447,9 @@ def morph(source: Mesh, target: Mesh, pairs: VertexPairs | None = None, frames: 
         As for `correspond`.
     frames
         How many meshes, both ends included.
+    path
+        How vertices travel: "gradient" turns and stretches the faces, "linear" moves on straight lines, "wavelet" moves the coarse shape
+        first and details later.
 
     Returns
     -------
@@ -389,11 +461,12 @@ def morph(source: Mesh, target: Mesh, pairs: VertexPairs | None = None, frames: 
     MeshError
         If a mesh has no spherical map.
     InputError
-        If the pairs do not fit the meshes, or there are fewer than 2 frames.
+        If the pairs do not fit the meshes, there are fewer than 2 frames, or there is no such path.
 
     Notes
     -----
-    All frames have the source's faces; the last one lies on the target's surface.
+    All frames have the source's faces; the last one lies on the target's surface. A schedule of one's own for the path "wavelet" goes
+    through `morph_along`.
 
     Examples
     --------
@@ -405,13 +478,26 @@ def morph(source: Mesh, target: Mesh, pairs: VertexPairs | None = None, frames: 
     >>> len(result.frames), bool((result.frames[0].vertices == ball.vertices).all())
     (5, True)
     """
-    if frames < 2:
-        raise InputError("at least 2 frames, the source and the target", str(frames), "ask for more frames")
-    return morph_along(correspond(source, target, pairs, on_step), frames)
+    _require_travel(frames, path, None)
+    return morph_along(correspond(source, target, pairs, on_step), frames, path)
 
 
-def morph_along(matched: CorrespondResult, frames: int = 24) -> MorphResult:
+def morph_along(matched: CorrespondResult, frames: int = 24, path: MorphPath = "gradient", schedule: Schedule | None = None) -> MorphResult:
     """The morph along a correspondence that is at hand.
+
+    Parameters
+    ----------
+    matched
+        The correspondence.
+    frames, path
+        As for `morph`.
+    schedule
+        For the path "wavelet": when each resolution moves, from coarse to fine, spread over as many as there are.
+
+    Raises
+    ------
+    InputError
+        If there are fewer than 2 frames, there is no such path, or it takes no schedule.
 
     Examples
     --------
@@ -423,8 +509,47 @@ def morph_along(matched: CorrespondResult, frames: int = 24) -> MorphResult:
     >>> round(result.figures()["mse"], 3)
     0.0
     """
-    path = Morph(matched.correspondence.source, matched.correspondence.positions)
-    return MorphResult(matched, path, path.frames(frames))
+    _require_travel(frames, path, schedule)
+    if path == "wavelet":
+        travel = _banded(matched, schedule)
+    elif path == "gradient" and matched.source_map.surface.repairs:
+        travel = Morph(matched.source_map.surface.mesh, matched.carried.vertices, path)  # or seams would open on the way
+    else:
+        travel = Morph(matched.correspondence.source, matched.correspondence.positions, path)
+    return MorphResult(matched, travel, _as_in_source(matched, travel.frames(frames)))
+
+
+def _require_travel(frames: int, path: MorphPath, schedule: Schedule | None) -> None:
+    """Refuse what no morph can do, before the work."""
+    if frames < 2:
+        raise InputError("at least 2 frames, the source and the target", str(frames), "ask for more frames")
+    if path not in PATHS:
+        raise InputError(f"a path out of {', '.join(PATHS)}", f"'{path}'", "choose one of these")
+    if schedule is not None and path != "wavelet":
+        raise InputError('the path "wavelet" for a schedule', f"'{path}'", "leave the schedule out, or choose this path")
+
+
+def _banded(matched: CorrespondResult, schedule: Schedule | None) -> Morph:
+    """Each resolution at its own time."""
+    source, positions = matched.correspondence.source, matched.correspondence.positions
+    bands = wavelet_bands(matched.source_map, positions)
+    return Morph(source, positions, "wavelet", bands, None if schedule is None else schedule.over(len(bands)))
+
+
+def _as_in_source(matched: CorrespondResult, frames: MeshSequence) -> MeshSequence:
+    """Frames with the vertices of the source as given; those without an answer travel with the nearest one, towards it."""
+    surface, source = matched.source_map.surface, matched.source_map.mesh
+    if frames.topology is source.topology:
+        return frames
+    apart = source.vertices - surface.mesh.vertices[surface.vertex_map]
+    positions = frames.positions[:, surface.vertex_map] + (1 - frames.times)[:, None, None] * apart
+    positions[0], positions[-1] = source.vertices, matched.correspondence.positions
+    return MeshSequence(source.topology, positions, frames.times)
+
+
+def _answered(pairs: VertexPairs, source_map: SphericalMap, target_map: SphericalMap) -> VertexPairs:
+    """The pairs, once it is certain that they name vertices that were mapped."""
+    return pairs.checked(source_map.mesh, target_map.mesh).answered(source_map.valid, target_map.valid)
 
 
 def _different(pairs: VertexPairs) -> VertexPairs:

@@ -67,7 +67,7 @@ def compile_kernels() -> None:
     with subprocess.Popen([sys.executable, "-c", SECOND], stdin=silent, stdout=silent, stderr=silent), _few_collections():
         points, faces = icosphere(LEVEL)
         ball, egg = Mesh(points, faces), Mesh(points * [1.0, 1.3, 1.7] + 0.2 * points[:, [0]] ** 2, faces)
-        morph(ball, egg, VertexPairs(np.array([0, 1, 2]), np.array([0, 1, 2])), frames=2)
+        morph(ball, egg, VertexPairs(np.array([0, 1, 2]), np.array([0, 1, 2])), frames=3)
         morph(egg, egg, frames=2).figures()
     _mark(marker())
 

@@ -10,9 +10,11 @@ from cli.test_indices import STRAY, messy
 from cli.test_verbs import told
 from features.test_matching import bumpy, mirrored
 from mapping.stars import relabelled
-from morphlet import Picture, VertexPairs, read, read_pairs, write, write_pairs
+from morphlet import Picture, VertexPairs, correspond, read, read_pairs, write, write_pairs
 from morphlet.features.matching import match
 from morphlet.features.regions import find_regions
+from morphlet.samples.anatomy import SPECIES
+from morphlet.samples.creatures import Creature
 from support import data_file, icosphere, torus
 
 KEYS = ["pairs", "cost", "margin", "ambiguous", "runner_up", "reflected", "tips", "regions", "warnings", "repairs"]
@@ -93,6 +95,24 @@ def test_what_cannot_be_trusted_is_said_loudly_and_is_no_error(capsys, tmp_path,
     assert len(read_pairs(tmp_path / "pairs.csv")) == result["pairs"]
     quiet = call(capsys, *words, "--quiet", "--force")
     assert (quiet.err, quiet.result["ambiguous"]) == ("", True)
+
+
+def test_what_is_contested_is_decided_as_correspond_decides(capsys, tmp_path):
+    """The cheapest pairing of a grazer and its like with the proportions of a predator is head to tail; coarse maps know better."""
+    animal = Creature.prepare("grazer", n_vertices=1500)
+    other = animal.posed(proportions=SPECIES["predator"])
+    write(tmp_path / "a.ply", animal.mesh)
+    write(tmp_path / "b.ply", other)
+    result, pairs = matched(capsys, tmp_path, tmp_path / "a.ply", tmp_path / "b.ply")
+    found = correspond(animal.mesh, other)
+    assert (result["margin"], result["ambiguous"]) == (found.margin, found.ambiguous)
+    assert result["cost"] == found.matching.cost > match(find_regions(animal.mesh), find_regions(other)).cost
+    assert result["warnings"][0] == found.warnings[0]
+    tips = [label.startswith("tip-") for label in pairs.labels]
+    nose, tail = (animal.landmarks[name] for name in ("nose", "tail tip"))
+    own = int(np.argmin(np.linalg.norm(animal.mesh.vertices[pairs.source[tips]] - animal.mesh.vertices[nose], axis=1)))
+    image = other.vertices[pairs.target[tips][own]]
+    assert np.linalg.norm(image - other.vertices[nose]) < np.linalg.norm(image - other.vertices[tail])
 
 
 def test_few_pairs_are_noted(capsys, tmp_path):

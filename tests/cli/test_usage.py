@@ -12,12 +12,12 @@ from morphlet import __version__
 
 VERBS = (
     *("approximate", "carry", "compare", "correspond", "demo", "fetch", "image", "info", "match", "morph"),
-    *("reconstruct", "regions", "repair", "sample", "sphere", "warmup"),
+    *("reconstruct", "regions", "repair", "sample", "sphere", "transfer", "warmup"),
 )
 COMMON = ("--json", "--quiet", "--force", "--seed", "--picture", "--threads")
 OUTPUTS = {
     *("approximate", "carry", "correspond", "demo", "fetch", "image", "match", "morph"),
-    *("reconstruct", "regions", "repair", "sample", "sphere"),
+    *("reconstruct", "regions", "repair", "sample", "sphere", "transfer"),
 }
 
 
@@ -68,12 +68,8 @@ WRONG = [
     (["sphere", "a.obj"], "--output requires an argument"),
     (["info", "a.obj", "b.obj"], r"Unused Tokens: \['b.obj'\]"),
     (["info", "a.obj", "--frames", "3"], "Unknown option: --frames.*info of this version has --json, --quiet"),
-    (
-        ["morph", "a", "b", "-o", "c", "--schedule", "s.toml"],
-        "--schedule.*morph of this version has --output, --pairs, --frames",
-    ),
-    (["morph", "a", "b", "-o", "c", "--path", "gradient"], '"gradient" for --path.*linear'),
-    (["morph", "a", "b", "-o", "c", "--path", "wavelet"], '"wavelet" for --path.*linear'),
+    (["morph", "a", "b", "-o", "c", "--path", "crooked"], '"crooked" for --path.*gradient.*linear.*wavelet'),
+    (["transfer", "a", "b", "-o", "c"], "--to requires an argument"),
     (["morph", "a", "b", "-o", "c", "--frames", "many"], 'Invalid value for --frames: unable to convert "many" into int'),
     (["repair", "a", "-o", "b.ply", "--fill", "some"], '"some" for --fill.*none.*small.*all'),
 ]
@@ -111,6 +107,10 @@ def test_common_numbers_out_of_range(capsys, option, value, match):
         (["sample", "blob", "-o", "{}/a.ply", "--vertices", "0"], "1500 to 100000 vertices; found 0"),
         (["fetch", "hores.obj"], "did you mean horse.obj"),
         (["warmup", "--picture", "{}/a.png"], "no --picture for warmup"),
+        (["morph", "a", "b", "-o", "{}/c", "--path", "linear", "--schedule", "s"], "--path wavelet for a --schedule; found --path linear"),
+        (["morph", "a", "b", "-o", "{}/c", "--schedule", "s.toml"], "--path wavelet for a --schedule; found --path gradient"),
+        (["transfer", "a.ply", "-o", "{}/c", "--to", "b.ply"], "at least one pose; found none"),
+        (["transfer", "a.ply", "p.ply", "q/p.obj", "-o", "{}/c", "--to", "b.ply"], "poses with different names; found p twice"),
     ],
 )
 def test_arguments_out_of_range(capsys, tmp_path, arguments, match):

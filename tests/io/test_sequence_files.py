@@ -1,11 +1,16 @@
-"""Sequences as numbered files."""
+"""Sequences as numbered files, and as animations."""
+
+import json
+import struct
 
 import numpy as np
 import pytest
+import trimesh
 
 from morphlet import FileError, InputError, Mesh, MeshSequence
 from morphlet.io.formats import read, read_attributes, write
-from morphlet.io.sequences import write_sequence
+from morphlet.io.sequences import write_animation, write_sequence
+from support import icosphere
 
 MESH = Mesh([[0, 0, 0], [1, 0, 0], [0, 1, 0]], [[0, 1, 2]])
 
@@ -47,3 +52,64 @@ def test_template_of_another_size_and_unknown_ending(tmp_path):
     (tmp_path / "file").write_text("")
     with pytest.raises(FileError, match="a folder at"):
         write_sequence(tmp_path / "file", growing(2))
+
+
+def opened(path):
+    """The JSON of a binary glTF file, and its accessors as arrays, by the words of the format alone."""
+    data = path.read_bytes()
+    magic, version, length, size, kind = struct.unpack_from("<4sII I4s", data)
+    assert (magic, version, length, kind) == (b"glTF", 2, len(data), b"JSON")
+    tree, binary = json.loads(data[20 : 20 + size]), data[28 + size :]
+    arrays = []
+    for entry in tree["accessors"]:
+        view, width = tree["bufferViews"][entry["bufferView"]], {"SCALAR": 1, "VEC2": 2, "VEC3": 3, "VEC4": 4}[entry["type"]]
+        dtype = {5121: "u1", 5125: "<u4", 5126: "<f4"}[entry["componentType"]]
+        array = np.frombuffer(binary, dtype, entry["count"] * width, view["byteOffset"]).reshape(-1, width)
+        if dtype == "<f4":
+            assert (entry["min"], entry["max"]) == (array.min(axis=0).tolist(), array.max(axis=0).tolist())
+        arrays.append(array)
+    return tree, arrays
+
+
+def test_an_animation_plays_every_frame_at_its_time(tmp_path):
+    """Positions and normals, as a viewer sums them up."""
+    ball = icosphere(1)
+    times = np.array([3.0, 3.5, 5.0, 7.0])
+    shapes = np.stack(
+        [ball.vertices, ball.vertices * [1, 1, 2], ball.vertices @ [[0, 1, 0], [-1, 0, 0], [0, 0, 1]] + 3, 0.5 * ball.vertices]
+    )
+    sequence = MeshSequence(ball.topology, shapes, times)
+    colors = np.arange(3 * ball.n_vertices, dtype=np.uint8).reshape(-1, 3)
+    write(tmp_path / "ball.ply", ball, colors=colors)
+    write_animation(tmp_path / "ball.glb", sequence, template=tmp_path / "ball.ply", duration=8.0)
+    tree, arrays = opened(tmp_path / "ball.glb")
+    (mesh,), (animation,) = tree["meshes"], tree["animations"]
+    (primitive,), (sampler,), (channel,) = mesh["primitives"], animation["samplers"], animation["channels"]
+    assert channel == {"sampler": 0, "target": {"node": 0, "path": "weights"}}
+    assert sampler["interpolation"] == "LINEAR"
+    assert mesh["weights"] == [0.0] * 3
+    np.testing.assert_allclose(arrays[sampler["input"]][:, 0], [0, 1, 4, 8])
+    weights = arrays[sampler["output"]].reshape(4, 3)
+    for k in range(4):
+        for name, wanted in (("POSITION", shapes[k]), ("NORMAL", sequence[k].vertex_normals)):
+            base, apart = arrays[primitive["attributes"][name]], [arrays[target[name]] for target in primitive["targets"]]
+            np.testing.assert_allclose(base + np.tensordot(weights[k], apart, 1), wanted, atol=1e-6)
+    np.testing.assert_array_equal(arrays[primitive["indices"]].reshape(-1, 3), ball.faces)
+    still = trimesh.load(tmp_path / "ball.glb", force="mesh", process=False)
+    np.testing.assert_allclose(still.vertices, ball.vertices, atol=1e-6)
+    np.testing.assert_allclose(read(tmp_path / "ball.glb").vertices, ball.vertices, atol=1e-6)
+    np.testing.assert_array_equal(read_attributes(tmp_path / "ball.glb").colors, colors)
+
+
+def test_what_no_animation_can_be(tmp_path):
+    with pytest.raises(FileError, match=r"an animation ending in \.glb"):
+        write_animation(tmp_path / "a.ply", growing(2))
+    with pytest.raises(InputError, match="at least 2 frames; found 1"):
+        write_animation(tmp_path / "a.glb", growing(1))
+    for duration in (0.0, -1.0, np.inf, np.nan):
+        with pytest.raises(InputError, match="a positive number of seconds"):
+            write_animation(tmp_path / "a.glb", growing(2), duration=duration)
+    write(tmp_path / "other.ply", icosphere(0), colors=np.zeros((12, 3), np.uint8))
+    with pytest.raises(InputError, match="a template of 3 vertices; found 12"):
+        write_animation(tmp_path / "a.glb", growing(2), template=tmp_path / "other.ply")
+    assert [file.name for file in tmp_path.iterdir()] == ["other.ply"]

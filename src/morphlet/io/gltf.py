@@ -22,6 +22,7 @@ from jaxtyping import Float, Int
 from morphlet.errors import FileError
 from morphlet.io.content import COLOR_MAX, Attributes, Content, File, byte_colors, renewed_normals, single, strip
 from morphlet.surface.mesh import Mesh
+from morphlet.surface.sequence import MeshSequence
 
 ENDINGS = (".glb", ".gltf")
 MAGIC, VERSION = b"glTF", 2
@@ -87,6 +88,29 @@ def attributes(file: File) -> Attributes:
 
 def render(mesh: Mesh, attributes: Attributes) -> bytes:
     """A binary glTF file with normals."""
+    tree, buffer = _still(mesh, attributes)
+    return _packed(tree, buffer)
+
+
+def animated(sequence: MeshSequence, attributes: Attributes, duration: float) -> bytes:
+    """A binary glTF file that shows the first frame and plays all of them: a morph target for each further one, with its normals."""
+    tree, buffer = _still(sequence[0], attributes)
+    rest, count = sequence[0], len(sequence) - 1
+    targets = []
+    for k in range(1, len(sequence)):
+        apart = {"POSITION": (rest.vertices, sequence[k].vertices), "NORMAL": (rest.vertex_normals, sequence[k].vertex_normals)}
+        targets.append({name: _append(tree, buffer, single(after) - single(before)) for name, (before, after) in apart.items()})
+    tree["meshes"][0]["primitives"][0]["targets"] = targets
+    tree["meshes"][0]["weights"] = [0.0] * count
+    times = duration * (sequence.times - sequence.times[0]) / (sequence.times[-1] - sequence.times[0])
+    input, output = (_append(tree, buffer, single(values)) for values in (times[:, None], np.eye(count + 1)[:, 1:].reshape(-1, 1)))
+    sampler = {"input": input, "output": output, "interpolation": "LINEAR"}
+    tree["animations"] = [{"samplers": [sampler], "channels": [{"sampler": 0, "target": {"node": 0, "path": "weights"}}]}]
+    return _packed(tree, buffer)
+
+
+def _still(mesh: Mesh, attributes: Attributes) -> tuple[Tree, bytearray]:
+    """The scene of one mesh, with normals, and its buffer."""
     tree: Tree = {
         "asset": {"version": "2.0", "generator": "morphlet"},
         "scene": 0,
@@ -103,7 +127,7 @@ def render(mesh: Mesh, attributes: Attributes) -> bytes:
     primitive = {"attributes": {name: _append(tree, buffer, values) for name, values in named.items()}, "material": 0}
     primitive["indices"] = _append(tree, buffer, mesh.faces.astype("<u4").reshape(-1, 1))
     tree["meshes"] = [{"primitives": [primitive]}]
-    return _packed(tree, buffer)
+    return tree, buffer
 
 
 def rewriter(file: File) -> Callable[[Mesh], bytes]:

@@ -7,8 +7,7 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float
 
-from morphlet.io.formats import write
-from morphlet.io.sequences import write_sequence
+from morphlet.io.sequences import write_animation, write_sequence
 from morphlet.motion.morph import Morph
 from morphlet.pipeline import CorrespondResult, MorphResult
 from morphlet.report.color import place_colors
@@ -26,14 +25,14 @@ FIGURES = {
     "energy_mean": "the same, mean over triangles",
     "pairs": "paired vertices given",
     "pairs_rmse": "how far the source vertices of the pairs land from their partners, mesh units",
-    "margin": "how much better the best rotation of a search fits than the runner-up",
+    "margin": "how much better the matching, or the rotation of a search, fits than the runner-up",
     "ambiguous": "whether that is too little to trust",
     "alignment": "how the spheres were turned onto each other",
-    "path": "trajectory of the vertices",
+    "path": "how vertices travel: faces turn and stretch (gradient), straight lines (linear), coarse before fine (wavelet)",
     "frames": "meshes of the sequence, both ends included",
     "volume_change_max": "%, largest deviation of a frame's volume from the straight line between the ends",
     "edge_log_rms_max": "largest rms log ratio of edge lengths to the straight line between the ends",
-    "self_intersections_max": "pairs of triangles",
+    "self_intersections_max": "pairs of triangles that cross, in the frame that has most; both ends count",
     "mse": "mean squared distance of source and last frame per vertex (Eq. 9), squared mesh units",
     "deformation_rate": "% of the bounding-box diagonal, mean move of a vertex",
 }
@@ -70,7 +69,7 @@ def correspondence_picture(matched: CorrespondResult) -> Picture:
 
 
 def write_morph(folder: Path, result: MorphResult, figures: Mapping[str, Any], template: tuple[Path, str]) -> Picture:
-    """Frames, `morph.glb`, `contact-sheet.png`, `report.html`.
+    """Frames, `morph.glb` (which plays them), `contact-sheet.png`, `report.html`.
 
     Parameters
     ----------
@@ -87,7 +86,7 @@ def write_morph(folder: Path, result: MorphResult, figures: Mapping[str, Any], t
         The contact sheet.
     """
     write_sequence(folder, result.frames, template=template[0], ending=f".{template[1]}")
-    write(folder / "morph.glb", result.frames[len(result.frames) - 1])
+    write_animation(folder / "morph.glb", result.frames, template=template[0])
     source, target = end_of(result.matched.source_map), end_of(result.matched.target_map)
     sheet = contact_sheet(source, target, result.frames, target_colors=carried_colors(result.matched))
     sheet.save(folder / "contact-sheet.png")
