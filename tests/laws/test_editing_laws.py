@@ -60,7 +60,8 @@ def test_rigid_motions_go_through(method, turn, shift):
         found = edit(roi, whole[roi.handle], Arap(300, 0.0, method.anderson, method.smoothing, method.least_cotangent))
     else:
         found = edit(roi, whole[roi.handle], method)
-    np.testing.assert_allclose(found.vertices, whole, atol=1e-9)
+    # without Anderson's overshoot the iteration stops where the energy rounds: places are then known to the root of that
+    np.testing.assert_allclose(found.vertices, whole, rtol=0, atol=3e-8 if getattr(method, "smoothing", 0) else 1e-9)
 
 
 @each_method
