@@ -867,7 +867,7 @@ def _warm(run: Run) -> None:
         from morphlet.warm import compile_kernels, compiled
 
         if not compiled():
-            run.say("compiling the kernels: once, about half a minute; later runs start at once")
+            run.say("compiling the kernels: once, about 40 seconds on two cores; later runs start at once")
             run.stage("compiling kernels")
             compile_kernels()
 
