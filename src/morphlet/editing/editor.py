@@ -170,8 +170,8 @@ class RoiEditor:
     def _ahead(self, before: Float[np.ndarray, "n 3"], now: Float[np.ndarray, "n 3"], targets: Float[np.ndarray, "h 3"]) -> np.ndarray:
         """Where `Roi.moving` would go if it went on as from the frame before to this one, as far as the handle does."""
         last, following = now[self.roi.handle] - before[self.roi.handle], targets - now[self.roi.handle]
-        square = float(np.vdot(last, last))
-        share = float(np.clip(np.vdot(last, following) / square, -1.0, 1.0)) if square > 0 else 0.0
+        square = float(np.einsum("kd,kd->", last, last))
+        share = float(np.clip(np.einsum("kd,kd->", last, following) / square, -1.0, 1.0)) if square > 0 else 0.0
         moving = self.roi.moving
         return now[moving] + share * (now[moving] - before[moving])
 

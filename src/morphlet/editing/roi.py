@@ -232,10 +232,7 @@ class Roi:
     @cached_property
     def moving(self) -> Int[np.ndarray, "k"]:
         """Handle and free vertices, ascending: the rows of what an edit computes."""
-        moves = np.zeros(self.mesh.n_vertices, bool)
-        moves[self.handle] = True
-        moves[self.free] = True
-        return _arrays.freeze(np.flatnonzero(moves))
+        return _arrays.freeze(np.flatnonzero(self._moves))
 
     @cached_property
     def rim(self) -> Int[np.ndarray, "r"]:

@@ -165,7 +165,7 @@ class ShellEnergy:
         covariances = (self.turned @ positions).reshape(-1, 3, 3)
         rotations = best_rotations(covariances)
         V, apart = self.patch.mesh.vertices, targets - positions[self.patch.handle]
-        square = np.vdot(positions, self.matrix @ positions) + np.vdot(V, self.matrix @ V)
+        square = np.einsum("kd,kd->", positions, self.matrix @ positions) + np.einsum("kd,kd->", V, self.matrix @ V)
         held = self.spring.sum(axis=0) @ np.sum(apart**2, axis=1)
         return rotations, float(square - 2 * np.einsum("vij,vji->", rotations, covariances) + np.sum(held))
 
@@ -226,8 +226,9 @@ class PreparedShell:
         shift = positions[moving] - patch.mesh.vertices[moving]
         gradient = self.enclosure.gradient(shift)[np.searchsorted(roi.moving, patch.vertices[patch.unknown])]
         away = solve(gradient)
-        gain = float(np.vdot(gradient, away))
-        return answer - away * ((self.enclosure.change(shift) + float(np.vdot(gradient, answer))) / gain) if gain > 0 else answer
+        gain = float(np.einsum("kd,kd->", gradient, away))
+        ahead = self.enclosure.change(shift) + float(np.einsum("kd,kd->", gradient, answer))
+        return answer - away * (ahead / gain) if gain > 0 else answer
 
     def _fill(self, positions: Float[np.ndarray, "p 3"]) -> None:
         """Move the unknowns, in place, until the volume is right."""
