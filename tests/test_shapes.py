@@ -86,7 +86,8 @@ print("shapes hold")
 def checked_modules() -> list[str]:
     """Modules whose annotations can be checked; numba compiles the others."""
     compiled = re.compile(r"@(njit|OUTER|INNER|\w*kernel)\b")
-    files = [file for file in SOURCE.rglob("*.py") if not compiled.search(file.read_text(encoding="utf-8")) and file.stem not in UNCHECKED]
+    files = [file for file in SOURCE.rglob("*.py") if not {file.stem, file.parent.name} & set(UNCHECKED)]
+    files = [file for file in files if not compiled.search(file.read_text(encoding="utf-8"))]
     return sorted(".".join(file.relative_to(SOURCE).with_suffix("").parts) for file in files if file.stem != "__init__")
 
 

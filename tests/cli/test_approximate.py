@@ -176,7 +176,8 @@ def test_every_vertex_of_a_torn_file_comes_back(capsys, tmp_path, ball):
 def test_pictures(capsys, tmp_path, ball, monkeypatch):
     """The original beside what comes back; what comes back alone."""
     pixels = np.zeros((2, 3, 3), np.uint8)
-    monkeypatch.setattr("morphlet.report.render.render", lambda *_, **__: Picture(pixels, "none", "a test"))
+    for name in ("rows", "render"):
+        monkeypatch.setattr(f"morphlet.report.{name}.render", lambda *_, **__: Picture(pixels, "none", "a test"))
     from matplotlib.image import imread
 
     result = approximated(capsys, ball, *SMALL, "--picture", tmp_path / "both.png")

@@ -126,7 +126,7 @@ def test_pictures_show_both_meshes_alike(capsys, tmp_path, files, monkeypatch, a
         seen.append((mesh, colors))
         return Picture(np.zeros((2, 3, 3), np.uint8), "none", "a test")
 
-    monkeypatch.setattr("morphlet.report.render.render", draw)
+    monkeypatch.setattr("morphlet.report.carried.render", draw)
     word = attribute if attribute == "color" else tmp_path / attribute
     words = ("--attribute", word, "-o", tmp_path / "o.npz", "--picture", tmp_path / "p.png", "--json")
     assert told(call(capsys, "carry", *files, *words), "carry")["outputs"] == [str(tmp_path / "o.npz"), str(tmp_path / "p.png")]

@@ -10,7 +10,7 @@ from cli.test_indices import STRAY, messy
 from cli.test_verbs import told
 from morphlet import Mesh, Picture, VertexPairs, read, write, write_pairs
 from morphlet.io.formats import read_attributes
-from morphlet.report import render as drawing
+from morphlet.report import rows
 from morphlet.samples.anatomy import SPECIES
 from morphlet.samples.creatures import Creature
 from morphlet.samples.poses import POSES
@@ -128,7 +128,7 @@ def test_texture_coordinates_of_an_obj_stay(capsys, balls):
 
 def test_the_picture_has_poses_above_what_they_became(capsys, balls, monkeypatch):
     shades = iter(range(4))
-    monkeypatch.setattr(drawing, "render", lambda *_, **__: Picture(np.full((2, 3, 3), 60 * next(shades), np.uint8), "none", "a test"))
+    monkeypatch.setattr(rows, "render", lambda *_, **__: Picture(np.full((2, 3, 3), 60 * next(shades), np.uint8), "none", "a test"))
     out = balls / "sheet.png"
     result = told(call(capsys, *words(balls, "long.ply"), "--pairs", balls / "pairs.csv", "--picture", out), "transfer")
     assert result["outputs"][-1] == str(out)

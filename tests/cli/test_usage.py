@@ -11,12 +11,12 @@ from cli.calls import call, finished, start
 from morphlet import __version__
 
 VERBS = (
-    *("approximate", "carry", "compare", "correspond", "demo", "fetch", "image", "info", "match", "morph"),
+    *("approximate", "carry", "compare", "correspond", "deform", "demo", "fetch", "image", "info", "match", "morph"),
     *("reconstruct", "regions", "repair", "sample", "sphere", "transfer", "warmup"),
 )
 COMMON = ("--json", "--quiet", "--force", "--seed", "--picture", "--threads")
 OUTPUTS = {
-    *("approximate", "carry", "correspond", "demo", "fetch", "image", "match", "morph"),
+    *("approximate", "carry", "correspond", "deform", "demo", "fetch", "image", "match", "morph"),
     *("reconstruct", "regions", "repair", "sample", "sphere", "transfer"),
 }
 

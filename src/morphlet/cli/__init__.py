@@ -1,0 +1,59 @@
+"""The command line: one verb, one call of the library.
+
+`options` and `steps` hold what verbs share, `pictures` what `--picture` shows; every other module is a group of verbs. These import what
+they need when they run, so that `morphlet --help` is instant.
+"""
+
+import sys
+from collections.abc import Sequence
+
+from cyclopts import App, CycloptsError, UnknownOptionError
+
+from morphlet import __version__
+from morphlet.cli import editing, features, house, maps, meshes, motion, networks, spheres
+from morphlet.console import refuse
+
+VERBS = (
+    *(meshes.info, meshes.repair, meshes.compare, meshes.sample, meshes.fetch),
+    *(spheres.sphere, spheres.image),
+    *(networks.approximate, networks.reconstruct),
+    *(features.regions, features.match),
+    *(maps.correspond, maps.carry),
+    *(motion.morph, motion.transfer),
+    editing.deform,
+    *(house.demo, house.warmup),
+)
+
+app = App(
+    name="morphlet",
+    version=__version__,
+    help="Deform, morph, match, transfer and compress triangle meshes through a common sphere.",
+    help_format="plaintext",
+)
+for verb in VERBS:
+    app.command(verb)
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Parse, run, and return the exit code."""
+    given = sys.argv[1:] if arguments is None else list(arguments)
+    for stream in (sys.stdout, sys.stderr):
+        if hasattr(stream, "reconfigure"):  # names of files need not be text
+            stream.reconfigure(errors="backslashreplace")
+    try:
+        command, bound, _ = app.parse_args(given, exit_on_error=False, print_error=False)
+    except CycloptsError as error:
+        return refuse(_usage(error), "--json" in given)
+    result = command(*bound.args, **bound.kwargs)
+    return result if isinstance(result, int) else 0
+
+
+def _usage(error: CycloptsError) -> str:
+    """What was wrong with the arguments, and what there is instead."""
+    verb = " ".join(error.command_chain or ())
+    hint = f"try morphlet {verb} --help" if verb else "try morphlet --help"
+    if verb and isinstance(error, UnknownOptionError):
+        options = [argument.names[0] for argument in app[verb].assemble_argument_collection()]
+        hint = f"{verb} of this version has {', '.join(name for name in options if name.startswith('--'))}; {hint}"
+    text = str(error)
+    return f"{text if text.endswith('...') else text.rstrip('.')}; {hint}"

@@ -1,0 +1,270 @@
+"""Verbs of motion: from shape to shape, and from body to body."""
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Literal
+
+from morphlet.cli import steps
+from morphlet.cli.options import DEFAULTS, MENDING, Mending, Output, Pairs
+from morphlet.cli.pictures import draw_poses
+from morphlet.console import Common, Run, execute
+from morphlet.errors import InputError
+
+if TYPE_CHECKING:
+    from morphlet.motion.morph import MorphPath
+    from morphlet.motion.schedule import Schedule
+    from morphlet.pipeline import CorrespondResult
+    from morphlet.surface.mesh import Mesh
+    from morphlet.surface.repair import Repaired
+    from morphlet.surface.sequence import MeshSequence
+
+    Travel = tuple[int, MorphPath, Schedule | None]
+
+TURNED = 45.0
+"""Degrees from which a target of a transfer is said to stand otherwise than its reference: half of the way to another axis."""
+
+
+def morph(
+    a: Path,
+    b: Path,
+    /,
+    *,
+    output: Output,
+    pairs: Pairs = None,
+    frames: int = 24,
+    path: Literal["gradient", "linear", "wavelet"] = "gradient",
+    schedule: Path | None = None,
+    format: Literal["ply", "obj"] = "ply",
+    mending: Mending = MENDING,
+    common: Common = DEFAULTS,
+) -> int:
+    """Morph A into B: frames, a contact sheet, a report.
+
+    Without pairs, feature regions are found on both and matched.
+
+    Parameters
+    ----------
+    a
+        Source mesh.
+    b
+        Target mesh.
+    output
+        Folder for frame-000.ply ..., morph.glb, contact-sheet.png, report.html, result.json.
+    frames
+        How many, both ends included.
+    path
+        How vertices travel: faces turn and stretch (gradient), straight lines (linear), or the coarse shape first and details later
+        (wavelet).
+    schedule
+        TOML file for --path wavelet that says when each resolution moves, from coarse to fine, as many as you like:
+        [[band]] start = 0.0, duration = 0.5, easing = "smoothstep" (or "linear", "smootherstep").
+    format
+        File format of the frames.
+    """
+
+    def work(run: Run) -> dict[str, Any]:
+        run.folder(output)
+        if frames < 2:
+            raise InputError("at least 2 frames, the source and the target", str(frames), "ask for more frames")
+        travel = (frames, path, _schedule(schedule, path))
+        matched = steps.matched(run, (a, b), pairs, mending)
+        return write_frames(run, matched, travel, (output, run.place(output)), (a, format))
+
+    return execute("morph", steps.present(a, b, pairs, schedule), common, work)
+
+
+def transfer(
+    reference: Path,
+    /,
+    *pose: Path,
+    to: Path,
+    output: Output,
+    pairs: Pairs = None,
+    common: Common = DEFAULTS,
+) -> int:
+    """Give another mesh the poses of a reference.
+
+    The target has to stand as the reference does. With three pairs or more it may have holes, handles and several parts; without pairs
+    both must have a spherical map, and feature regions are found and matched.
+
+    Parameters
+    ----------
+    reference
+        Mesh at rest.
+    pose
+        Files of the same mesh in other poses: vertices and faces in its order. One or more.
+    to
+        The target: the mesh that is to take the poses.
+    output
+        Folder for a file per pose: its name, with the ending, colours, texture coordinates and materials of the target.
+    """
+
+    def work(run: Run) -> dict[str, Any]:
+        with run.uncounted():
+            from morphlet.io.formats import format_by_ending, prepare_rewrite, put, read
+
+        run.folder(output)
+        _require_poses(pose)
+        format_by_ending(to)
+        rest, ending = read(reference), to.suffix.lower()
+        poses = [_pose(rest, file) for file in pose]
+        target, solved, figures = _transferred(run, (reference, to), poses, pairs)
+        moved, rendered = steps.as_in_file(target, solved), prepare_rewrite(to, ending)
+        run.place(output).mkdir(exist_ok=True)
+        for k, file in enumerate(pose):
+            put(run.place(output) / f"{file.stem}{ending}", rendered(moved[k]))
+        draw_poses(run, [[rest, *poses], [target.source, *(moved[k] for k in range(len(moved)))]])
+        return {"poses": len(poses)} | figures
+
+    return execute("transfer", steps.present(reference, *pose, to, pairs), common, work)
+
+
+def _schedule(path: Path | None, travel: str) -> "Schedule | None":
+    """The schedule of a file, for the only path that has use for one."""
+    from morphlet.motion.schedule import Schedule
+
+    if path is None:
+        return None
+    if travel != "wavelet":
+        raise InputError("--path wavelet for a --schedule", f"--path {travel}", "add --path wavelet, or leave the schedule out")
+    return Schedule.read(path)
+
+
+def write_frames(
+    run: Run, matched: "CorrespondResult", travel: "Travel", folder: tuple[Path, Path], template: tuple[Path, str]
+) -> dict[str, Any]:
+    """Morph along a correspondence and write everything `morph` promises: for the first folder, into the second."""
+    with run.uncounted():
+        from morphlet.pipeline import morph_along
+        from morphlet.report.story import write_morph
+
+        _compile_frames()
+    run.stage("frames")
+    result = morph_along(matched, *travel)
+    figures = result.figures() | steps.circumstances(matched) | {"path": result.morph.path}
+    run.stage("pictures")
+    sheet = write_morph(folder[1], result, figures, template)
+    if run.common.picture is not None:
+        sheet.save(run.place(run.common.picture))
+    steps.write_result(run, folder, figures)
+    return figures
+
+
+def _compile_frames() -> None:
+    """Move a small ball on its way and measure it, so that all kernels are compiled."""
+    from morphlet.motion.morph import Morph, self_intersections_max
+    from morphlet.numerics.unit_sphere import icosphere
+    from morphlet.surface.mesh import Mesh
+
+    ball = Mesh(*icosphere(1))
+    self_intersections_max(Morph(ball, 2 * ball.vertices, "gradient").frames(3))
+
+
+def _require_poses(files: Sequence[Path]) -> None:
+    """Refuse no poses, and such that would be written to one file."""
+    stems = [file.stem for file in files]
+    if not stems:
+        raise InputError("at least one pose", "none", "name the files of the poses after the reference")
+    twice = next((stem for stem in stems if stems.count(stem) > 1), None)
+    if twice is not None:
+        raise InputError("poses with different names", f"{twice} twice", "rename one of the files")
+
+
+def _pose(rest: "Mesh", path: Path) -> "Mesh":
+    """A pose of the reference; errors name the file."""
+    import numpy as np
+
+    from morphlet.io.formats import read
+
+    found = read(path)
+    if found.n_vertices != rest.n_vertices or not np.array_equal(found.faces, rest.faces):
+        needed = f"a pose of the reference's {rest.n_vertices} vertices and {rest.n_faces} faces in {path}"
+        told = f"{found.n_vertices} vertices, {found.n_faces} faces" + ("" if found.faces.shape != rest.faces.shape else " of others")
+        raise InputError(needed, told, "export the pose with the faces of the reference, in its order")
+    return rest.with_vertices(found.vertices)
+
+
+def _transferred(
+    run: Run, ends: tuple[Path, Path], poses: "list[Mesh]", pairs: Path | None
+) -> "tuple[Repaired, MeshSequence, dict[str, Any]]":
+    """The target without seams, in every pose, and what `transfer` tells of it."""
+    with run.uncounted():
+        import time
+
+        import numpy as np
+
+        from morphlet.motion.face_pairs import FacePairs, pair_faces
+        from morphlet.motion.transfer import TransferSolver
+        from morphlet.surface.sequence import MeshSequence
+
+        _compile_transfer()
+    if pairs is None:
+        steps.warm(run)
+    began = time.perf_counter()
+    target = steps.welded(run, ends[1])
+    surface, laid, used, told = _laid(run, ends, target, pairs)
+    told = (*told, *_standing(run, surface.mesh, laid))
+    run.stage("prepare")
+    found = pair_faces(laid, target.mesh)
+    own = surface.face_map[found.source]
+    links = FacePairs(own[own >= 0], found.target[own >= 0])
+    solver = TransferSolver.prepare(surface.source, target.mesh, links)
+    spent = [time.perf_counter() - began]
+    run.stage("poses")
+    solved = []
+    for pose in poses:
+        began = time.perf_counter()
+        solved.append(solver.solve(pose).vertices)
+        spent.append(time.perf_counter() - began)
+    frames = MeshSequence(target.mesh.topology, np.stack(solved), np.arange(len(solved), dtype=float))
+    times = {"prepare_seconds": spent[0], "pose_seconds": float(np.median(spent[1:]))}
+    mended = {"source": steps.repairs(surface), "target": steps.repairs(target)}
+    return target, frames, times | {"pairs": used, "face_pairs": len(links), "warnings": told, "repairs": mended}
+
+
+def _laid(run: Run, ends: tuple[Path, Path], target: "Repaired", pairs: Path | None) -> "tuple[Repaired, Mesh, int, tuple[str, ...]]":
+    """The reference as a surface, laid on the target; how many pairs were used; what is doubtful. By pairs, or through the spheres."""
+    if pairs is None:
+        matched = steps.matched(run, ends, None)
+        return matched.source_map.surface, matched.carried, len(matched.pairs), matched.warnings
+    with run.uncounted():
+        from morphlet.motion.registration import register
+
+    surface = steps.welded(run, ends[0])
+    given = steps.answered(pairs, (surface, target))
+    run.stage("registration")
+    return surface, register(surface.mesh, target.mesh, steps.inside(given, (surface, target))), len(given), ()
+
+
+def _standing(run: Run, reference: "Mesh", laid: "Mesh") -> tuple[str, ...]:
+    """What is to be said, and is, if the target stands turned against the reference: deformations know no other directions than space's."""
+    import numpy as np
+
+    from morphlet.numerics.rigid import kabsch
+
+    try:
+        before, after = (mesh.vertices - mesh.vertices.mean(axis=0) for mesh in (reference, laid))
+        turn = kabsch(before, after, reference.vertex_areas)
+    except InputError:  # several rotations fit as well: a ball has no side
+        return ()
+    degrees = float(np.degrees(np.arccos(np.clip((np.trace(turn) - 1) / 2, -1, 1))))
+    if degrees < TURNED:
+        return ()
+    told = f"the target stands turned by {degrees:.0f} degrees against the reference, which poses do not follow: turn one of them first"
+    run.say(f"note: {told}")
+    return (told,)
+
+
+def _compile_transfer() -> None:
+    """Give a small ball a pose, so that all kernels are compiled."""
+    import numpy as np
+
+    from morphlet.motion.face_pairs import pair_faces
+    from morphlet.motion.registration import register
+    from morphlet.motion.transfer import transfer as give
+    from morphlet.numerics.unit_sphere import icosphere
+    from morphlet.surface.mesh import Mesh
+    from morphlet.surface.pairs import VertexPairs
+
+    ball, chosen = Mesh(*icosphere(1)), np.arange(4)
+    give(ball, ball, ball, pair_faces(register(ball, ball, VertexPairs(chosen, chosen)), ball))

@@ -1,0 +1,35 @@
+"""Options of several verbs, and the endings of the files they write."""
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated, Literal
+
+from cyclopts import Parameter
+
+from morphlet.console import Common
+
+OUTPUT = Parameter(name=["--output", "-o"])
+Output = Annotated[Path, OUTPUT]
+MaybeOutput = Annotated[Path | None, OUTPUT]
+Pairs = Annotated[Path | None, Parameter(help="CSV of vertices that belong together: source,target[,weight][,label].")]
+Layout = Literal["octahedral", "latlong"]
+Kept = Annotated[
+    Literal["all", "largest"], Parameter(help="Keep all parts (and refuse a mesh with several), or the one with the largest area.")
+]
+Cuts = Annotated[int, Parameter(help="Cut and cap at most so many handles.")]
+MESHES = (".ply", ".obj", ".off", ".stl", ".glb")
+"""Endings of mesh files that can be written."""
+COLORED = (".ply", ".obj", ".glb")
+"""Endings of mesh files that hold colours and texture coordinates."""
+
+
+@Parameter(name="*")
+@dataclass(frozen=True)
+class Mending:
+    """What may be done to a mesh, beyond filling its holes, so that it has a spherical map."""
+
+    component: Kept = "all"
+    cut_handles: Cuts = 0
+
+
+DEFAULTS, MENDING = Common(), Mending()
