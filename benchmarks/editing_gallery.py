@@ -1,9 +1,10 @@
-"""Every editing method on one animal: the pictures of docs/editing.md.
+"""Every editing method on one animal: the pictures of docs/editing.
 
     python benchmarks/editing_gallery.py --pictures docs/pictures
 
 The head of the grazer is pulled up and forward without a turn, and turned down without a pull. Handle, free vertices and anchors have
-their colours; triangles that cut through others are red. Nothing here is a time: the same pictures on any machine.
+their colours; triangles that cut through others are red. `editing-NAME-limit.png` shows a shape of `editing_problems` that the method does
+not manage, beside a method that does better. Nothing here is a time: the same pictures on any machine.
 """
 
 import argparse
@@ -13,7 +14,8 @@ from pathlib import Path
 import numpy as np
 
 from editing_judge import crossing
-from editing_pictures import ANCHOR, CLAY, CUT, HANDLE
+from editing_pictures import ANCHOR, CLAY, CUT, HANDLE, camera_of
+from editing_problems import SHAPES
 from morphlet import (
     Arap,
     Direct,
@@ -60,6 +62,21 @@ AZIMUTH, ELEVATION = np.radians(65), np.radians(8)
 FRONT, NECK = ((0.0, 1.28, 1.2), (1.0, 0.72)), ((0.0, 1.1, 1.22), (0.55, 0.4))
 """What the pictures show: the front half and where the head goes, or the neck alone. Middle, half the width and height."""
 
+METHODS: dict[str, Method] = {
+    "direct": Direct(), "mls": MovingLeastSquares(), "lattice": Lattice(), "harmonic": Laplacian(1), "biharmonic": Laplacian(2),
+    "similarity": SimilarityLaplacian(), "dual": DualLaplacian(), "rotations": EstimatedRotations(), "arap": Arap(),
+    "smoothed": Arap(smoothing=2e-4), "shell": Shell(),
+}  # fmt: skip
+"""Shown pulled and turned."""
+CALLS = {"harmonic": "Laplacian(1)", "biharmonic": "Laplacian(2)"}
+"""What those are called by that are not a class without parameters."""
+LIMITS = {
+    "direct": ("cactus", "arap"), "mls": ("cylinder", "shell"), "lattice": ("bar", "shell"), "harmonic": ("cylinder", "shell"),
+    "biharmonic": ("cactus", "arap"), "similarity": ("cactus", "arap"), "dual": ("bar", "shell"), "rotations": ("plane", "arap"),
+    "arap": ("cylinder", "shell"),
+}  # fmt: skip
+"""What each does not manage, and what does better."""
+
 Frame = tuple[tuple[float, float, float], tuple[float, float]]
 
 
@@ -86,7 +103,7 @@ class Nod:
 
     def by(self, method: Method, caption: str) -> Tile:
         """What a method makes of it."""
-        return tile(self.roi, edit(self.roi, self.targets, method), caption, self.frame)
+        return tile(self.roi, edit(self.roi, self.targets, method), caption, camera(*self.frame))
 
 
 def region(mesh: Mesh, radius: float) -> Roi:
@@ -94,13 +111,13 @@ def region(mesh: Mesh, radius: float) -> Roi:
     return Roi.within(mesh, vertices_within(mesh, HEAD, SIZE), radius)
 
 
-def tile(roi: Roi, mesh: Mesh, caption: str, frame: Frame = FRONT) -> Tile:
+def tile(roi: Roi, mesh: Mesh, caption: str, seen: Camera) -> Tile:
     """A mesh with the region in its colours."""
     colors = np.tile(ANCHOR, (mesh.n_faces, 1))
     colors[np.isin(mesh.faces, roi.moving).any(axis=1)] = CLAY
     colors[np.isin(mesh.faces, roi.handle).all(axis=1)] = HANDLE
     colors[crossing(mesh)] = CUT
-    return Tile(render(mesh, colors=colors, camera=camera(*frame), look=LOOK).pixels, caption)
+    return Tile(render(mesh, colors=colors, camera=seen, look=LOOK).pixels, caption)
 
 
 def camera(centre: tuple[float, ...], extent: tuple[float, ...]) -> Camera:
@@ -123,18 +140,22 @@ def gallery() -> dict[str, list[Tile]]:
     bumpy = shaggy(sample("grazer", n_vertices=FINE))
     pulled, turned, rough = Nod.pulled(grazer), Nod.turned(grazer), Nod.turned(bumpy, NECK)
     soft = Nod(turned.roi.softened(LOOSE), turned.targets)
-    methods: dict[str, Method] = {
-        "direct": Direct(), "mls": MovingLeastSquares(), "lattice": Lattice(), "harmonic": Laplacian(1), "biharmonic": Laplacian(2),
-        "similarity": SimilarityLaplacian(), "dual": DualLaplacian(), "rotations": EstimatedRotations(), "arap": Arap(),
-        "smoothed": Arap(smoothing=2e-4), "shell": Shell(),
-    }  # fmt: skip
-    shown = {"regions": [tile(region(grazer, radius), grazer, f"radius {radius}") for radius in (SHORT, REACH)]}
-    shown |= {name: [pulled.by(method, "pulled"), turned.by(method, "turned")] for name, method in methods.items()}
+    shown = {"regions": [tile(region(grazer, radius), grazer, f"radius {radius}", camera(*FRONT)) for radius in (SHORT, REACH)]}
+    shown |= {name: [pulled.by(method, "pulled"), turned.by(method, "turned")] for name, method in METHODS.items()}
+    shown |= {f"{name}-limit": compared(name, *other) for name, other in LIMITS.items()}
     shown["guarded"] = [turned.by(Shell(), "turned: Shell()"), turned.by(Guarded(), "turned: Guarded()")]
     plain, fine = Laplacian(2), Multiresolution(Laplacian(2))
     shown["multiresolution"] = [rough.by(plain, "turned: Laplacian(2)"), rough.by(fine, "turned: Multiresolution(Laplacian(2))")]
     shown["soft"] = [turned.by(Arap(), "turned: held exactly"), soft.by(Arap(), f"turned: weight {LOOSE:g}")]
     return shown
+
+
+def compared(name: str, shape: str, better: str) -> list[Tile]:
+    """A method, and one that does better, on one of the hard shapes."""
+    problem = SHAPES[shape]()
+    edited = {one: edit(problem.roi, problem.pose(), METHODS[one]) for one in (name, better)}
+    seen = camera_of([mesh.vertices for mesh in edited.values()], problem)
+    return [tile(problem.roi, mesh, CALLS.get(one, f"{type(METHODS[one]).__name__}()"), seen) for one, mesh in edited.items()]
 
 
 def laid_out(tiles: list[Tile]) -> Picture:

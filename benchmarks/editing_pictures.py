@@ -43,7 +43,7 @@ def picture_of(shown: dict[str, list[Shown]]) -> Picture:
     block, lines = width * len(shown), -(-len(names) // COLUMNS)
     figure = canvas.sheet(2 * PAD + COLUMNS * block + (COLUMNS - 1) * PAD, 2 * PAD + height * lines)
     for place, found in enumerate(shown.values()):
-        camera = _camera([one.positions for one in found], found[0].problem)
+        camera = camera_of([one.positions for one in found], found[0].problem)
         for one in found:
             column, line = divmod(names.index(one.name), lines)
             canvas.place(figure, _tile(one, camera), PAD + column * (block + PAD) + place * width, PAD + line * height)
@@ -51,7 +51,7 @@ def picture_of(shown: dict[str, list[Shown]]) -> Picture:
     return Picture(canvas.pixels(figure), engine.engine, engine.reason)
 
 
-def _camera(positions: list[np.ndarray], problem: Problem) -> Camera:
+def camera_of(positions: list[np.ndarray], problem: Problem) -> Camera:
     """Nearly along y; the shape at rest and under every tool is in the picture."""
     eye = np.array([np.sin(AZIMUTH) * np.cos(ELEVATION), -np.cos(AZIMUTH) * np.cos(ELEVATION), np.sin(ELEVATION)])
     right = np.cross([0, 0, 1], eye)
