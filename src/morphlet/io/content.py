@@ -46,6 +46,16 @@ class Attributes:
     uv: Float[np.ndarray, "n 2"] | None = None
 
 
+@dataclass(frozen=True, eq=False)
+class Shapes:
+    """The shapes that the mesh of a file goes through, and what each is called; `times` in seconds, where the file has them."""
+
+    mesh: Mesh
+    positions: Float[np.ndarray, "t n 3"]
+    names: tuple[str, ...]
+    times: Float[np.ndarray, "t"] | None = None
+
+
 def mesh_of(content: Content) -> Mesh:
     """The mesh of a content, or a `FileError` that says what the file lacks."""
     if not len(content.vertices):

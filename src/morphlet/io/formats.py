@@ -16,14 +16,14 @@ from jaxtyping import UInt8
 
 from morphlet import _arrays, _store
 from morphlet.errors import FileError, InputError
-from morphlet.io import gltf, obj, off, ply, stl
-from morphlet.io.content import COLOR_MAX, Attributes, Content, File, mesh_of
+from morphlet.io import gltf, gltf_shapes, obj, off, ply, stl
+from morphlet.io.content import COLOR_MAX, Attributes, Content, File, Shapes, mesh_of
 from morphlet.surface.mesh import Mesh
 
 
 @dataclass(frozen=True)
 class Format:
-    """How one format is recognised, read, and written; `rewriter` prepares a template for other positions."""
+    """How one format is recognised, read, and written; `rewriter` prepares a template for other positions, `shapes` reads several."""
 
     name: str
     endings: tuple[str, ...]
@@ -33,11 +33,12 @@ class Format:
     render: Callable[[Mesh, Attributes], bytes]
     rewriter: Callable[[File], Callable[[Mesh], bytes]] | None
     holds_colors: bool
+    shapes: Callable[[File], Shapes] | None = None
 
 
 FORMATS = (
     Format("PLY", ply.ENDINGS, ply.recognises, ply.parse, ply.attributes, ply.render, ply.rewriter, True),
-    Format("glTF", gltf.ENDINGS, gltf.recognises, gltf.parse, gltf.attributes, gltf.render, gltf.rewriter, True),
+    Format("glTF", gltf.ENDINGS, gltf.recognises, gltf.parse, gltf.attributes, gltf.render, gltf.rewriter, True, gltf_shapes.shapes),
     Format("OFF", off.ENDINGS, off.recognises, off.parse, off.attributes, off.render, None, False),
     Format("STL", stl.ENDINGS, stl.recognises, stl.parse, stl.attributes, stl.render, None, False),
     Format("OBJ", obj.ENDINGS, obj.recognises, obj.parse, obj.attributes, obj.render, obj.rewriter, True),
@@ -100,6 +101,23 @@ def read_attributes(path: str | os.PathLike[str]) -> Attributes:
         own = _format_of(file)
         mesh_of(own.parse(file))
         return own.attributes(file)
+
+
+def read_shapes(path: str | os.PathLike[str]) -> Shapes:
+    """Read all shapes of a mesh file: those that morph targets give it in glTF, the one it has in any other format.
+
+    Raises
+    ------
+    FileError
+        As `read`, or if targets or their animation do not fit the mesh.
+    """
+    file = _opened(path)
+    with _named(file):
+        own = _format_of(file)
+        if own.shapes is not None:
+            return own.shapes(file)
+        mesh = mesh_of(own.parse(file))
+        return Shapes(mesh, mesh.vertices[None], (file.path.stem,))
 
 
 def write(path: str | os.PathLike[str], mesh: Mesh, *, colors: UInt8[np.ndarray, "n 3"] | None = None) -> None:
