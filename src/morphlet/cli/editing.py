@@ -4,8 +4,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from morphlet.cli import steps
-from morphlet.cli.options import DEFAULTS, MESHES, Output
-from morphlet.cli.pictures import draw_edit
+from morphlet.cli.options import DEFAULTS, FILM, MESHES, Film, Output
+from morphlet.cli.pictures import draw_edit, promise_film, shoot
 from morphlet.console import Common, Run, execute
 
 if TYPE_CHECKING:
@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from morphlet.surface.sequence import MeshSequence
 
 
-def deform(mesh: Path, spec: Path, /, *, output: Output, common: Common = DEFAULTS) -> int:
+def deform(mesh: Path, spec: Path, /, *, output: Output, film: Film = FILM, common: Common = DEFAULTS) -> int:
     """Edit a mesh as a TOML file tells: pull a handle, keep anchors, let the rest follow.
 
     handle = [1, 2, 3] or {center = [x, y, z], radius = "5%"}; anchors = [7, 8] or roi = {radius = "30%", metric = "geodesic"}; translate,
@@ -41,6 +41,7 @@ def deform(mesh: Path, spec: Path, /, *, output: Output, common: Common = DEFAUL
             from morphlet.io.formats import rewrite
             from morphlet.io.sequences import write_sequence
 
+        promise_film(run, film)
         told = read_spec(spec)
         if told.sequence:
             run.folder(output)
@@ -56,6 +57,7 @@ def deform(mesh: Path, spec: Path, /, *, output: Output, common: Common = DEFAUL
             steps.write_result(run, (output, run.place(output)), figures)
         else:
             rewrite(mesh, frames[0], run.place(output))
+        shoot(run, film, frames)
         return figures
 
     return execute("deform", [mesh, spec], common, work)

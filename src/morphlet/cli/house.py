@@ -5,14 +5,15 @@ from typing import Any
 
 from morphlet.cli import steps
 from morphlet.cli.motion import write_frames
-from morphlet.cli.options import DEFAULTS, Output
+from morphlet.cli.options import DEFAULTS, FILM, Film, Output
+from morphlet.cli.pictures import promise_film
 from morphlet.console import Common, Run, execute
 from morphlet.errors import InputError
 
 FRAMES = 24
 
 
-def demo(*, output: Output = Path("morphlet-demo"), vertices: int | None = None, common: Common = DEFAULTS) -> int:
+def demo(*, output: Output = Path("morphlet-demo"), vertices: int | None = None, film: Film = FILM, common: Common = DEFAULTS) -> int:
     """The main job on procedural creatures: a grazer becomes a predator.
 
     Parameters
@@ -29,6 +30,7 @@ def demo(*, output: Output = Path("morphlet-demo"), vertices: int | None = None,
             from morphlet.samples import creatures
 
         run.folder(output)
+        promise_film(run, film)
         steps.warm(run)
         meshes, morphed = run.place(output) / "meshes", run.place(output) / "morph"
         meshes.mkdir()
@@ -37,7 +39,7 @@ def demo(*, output: Output = Path("morphlet-demo"), vertices: int | None = None,
         a, b, pairs = write_inputs(meshes, creatures.DEFAULT_VERTICES if vertices is None else vertices)
         matched = steps.matched(run, (a, b), pairs)
         run.say(f"mean distance to the known true places: {true_error(matched):.1f} % of sqrt(area)")
-        found = write_frames(run, matched, (FRAMES, "gradient", None), (output / "morph", morphed), (a, "ply"))
+        found = write_frames(run, matched, (FRAMES, "gradient", None), (output / "morph", morphed), (a, "ply"), film)
         run.say(f"\nLook at  {output / 'morph' / 'contact-sheet.png'}\nand open {output / 'morph' / 'report.html'}")
         return found
 

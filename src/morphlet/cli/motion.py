@@ -5,8 +5,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
 from morphlet.cli import steps
-from morphlet.cli.options import DEFAULTS, MENDING, Mending, Output, Pairs
-from morphlet.cli.pictures import draw_poses
+from morphlet.cli.options import DEFAULTS, FILM, MENDING, Film, Mending, Output, Pairs
+from morphlet.cli.pictures import draw_poses, promise_film, shoot
 from morphlet.console import Common, Run, execute
 from morphlet.errors import InputError
 
@@ -20,6 +20,8 @@ if TYPE_CHECKING:
 
     Travel = tuple[int, MorphPath, Schedule | None]
 
+UNNAMEABLE = r"[^\w .+-]"
+"""What a file's name had better not hold, and a morph target's may."""
 TURNED = 45.0
 """Degrees from which a target of a transfer is said to stand otherwise than its reference: half of the way to another axis."""
 
@@ -35,6 +37,7 @@ def morph(
     path: Literal["gradient", "linear", "wavelet"] = "gradient",
     schedule: Path | None = None,
     format: Literal["ply", "obj"] = "ply",
+    film: Film = FILM,
     mending: Mending = MENDING,
     common: Common = DEFAULTS,
 ) -> int:
@@ -64,11 +67,12 @@ def morph(
 
     def work(run: Run) -> dict[str, Any]:
         run.folder(output)
+        promise_film(run, film)
         if frames < 2:
             raise InputError("at least 2 frames, the source and the target", str(frames), "ask for more frames")
         travel = (frames, path, _schedule(schedule, path))
         matched = steps.matched(run, (a, b), pairs, mending)
-        return write_frames(run, matched, travel, (output, run.place(output)), (a, format))
+        return write_frames(run, matched, travel, (output, run.place(output)), (a, format), film)
 
     return execute("morph", steps.present(a, b, pairs, schedule), common, work)
 
@@ -80,6 +84,7 @@ def transfer(
     to: Path,
     output: Output,
     pairs: Pairs = None,
+    film: Film = FILM,
     common: Common = DEFAULTS,
 ) -> int:
     """Give another mesh the poses of a reference.
@@ -92,7 +97,7 @@ def transfer(
     reference
         Mesh at rest.
     pose
-        Files of the same mesh in other poses: vertices and faces in its order. One or more.
+        The same mesh in other poses, vertices and faces in its order: files, folders of files, or a .glb with morph targets.
     to
         The target: the mesh that is to take the poses.
     output
@@ -104,16 +109,18 @@ def transfer(
             from morphlet.io.formats import format_by_ending, prepare_rewrite, put, read
 
         run.folder(output)
+        promise_film(run, film)
         _require_poses(pose)
         format_by_ending(to)
         rest, ending = read(reference), to.suffix.lower()
-        poses = [_pose(rest, file) for file in pose]
+        names, poses = _poses(rest, pose)
         target, solved, figures = _transferred(run, (reference, to), poses, pairs)
         moved, rendered = steps.as_in_file(target, solved), prepare_rewrite(to, ending)
         run.place(output).mkdir(exist_ok=True)
-        for k, file in enumerate(pose):
-            put(run.place(output) / f"{file.stem}{ending}", rendered(moved[k]))
+        for k, name in enumerate(names):
+            put(run.place(output) / f"{name}{ending}", rendered(moved[k]))
         draw_poses(run, [[rest, *poses], [target.source, *(moved[k] for k in range(len(moved)))]])
+        shoot(run, film, moved)
         return {"poses": len(poses)} | figures
 
     return execute("transfer", steps.present(reference, *pose, to, pairs), common, work)
@@ -131,7 +138,7 @@ def _schedule(path: Path | None, travel: str) -> "Schedule | None":
 
 
 def write_frames(
-    run: Run, matched: "CorrespondResult", travel: "Travel", folder: tuple[Path, Path], template: tuple[Path, str]
+    run: Run, matched: "CorrespondResult", travel: "Travel", folder: tuple[Path, Path], template: tuple[Path, str], film: Film
 ) -> dict[str, Any]:
     """Morph along a correspondence and write everything `morph` promises: for the first folder, into the second."""
     with run.uncounted():
@@ -146,6 +153,7 @@ def write_frames(
     sheet = write_morph(folder[1], result, figures, template)
     if run.common.picture is not None:
         sheet.save(run.place(run.common.picture))
+    shoot(run, film, result.frames)
     steps.write_result(run, folder, figures)
     return figures
 
@@ -170,18 +178,23 @@ def _require_poses(files: Sequence[Path]) -> None:
         raise InputError("poses with different names", f"{twice} twice", "rename one of the files")
 
 
-def _pose(rest: "Mesh", path: Path) -> "Mesh":
-    """A pose of the reference; errors name the file."""
+def _poses(rest: "Mesh", paths: Sequence[Path]) -> "tuple[list[str], list[Mesh]]":
+    """Names that files may have, and poses of the reference."""
+    import re
+
     import numpy as np
 
-    from morphlet.io.formats import read
+    from morphlet.io.sequences import read_poses
 
-    found = read(path)
-    if found.n_vertices != rest.n_vertices or not np.array_equal(found.faces, rest.faces):
-        needed = f"a pose of the reference's {rest.n_vertices} vertices and {rest.n_faces} faces in {path}"
-        told = f"{found.n_vertices} vertices, {found.n_faces} faces" + ("" if found.faces.shape != rest.faces.shape else " of others")
+    found = read_poses(*paths)
+    faces = found.sequence.topology.faces
+    if found.sequence.topology.n_vertices != rest.n_vertices or not np.array_equal(faces, rest.faces):
+        needed = f"a pose of the reference's {rest.n_vertices} vertices and {rest.n_faces} faces in {paths[0]}"
+        told = f"{found.sequence.topology.n_vertices} vertices, {len(faces)} faces" + (
+            "" if faces.shape != rest.faces.shape else " of others"
+        )
         raise InputError(needed, told, "export the pose with the faces of the reference, in its order")
-    return rest.with_vertices(found.vertices)
+    return [re.sub(UNNAMEABLE, "_", name) for name in found.names], [rest.with_vertices(x) for x in found.sequence.positions]
 
 
 def _transferred(

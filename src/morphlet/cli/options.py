@@ -21,6 +21,8 @@ MESHES = (".ply", ".obj", ".off", ".stl", ".glb")
 """Endings of mesh files that can be written."""
 COLORED = (".ply", ".obj", ".glb")
 """Endings of mesh files that hold colours and texture coordinates."""
+VIDEOS = (".mp4", ".gif", ".png")
+"""Endings of films."""
 
 
 @Parameter(name="*")
@@ -32,4 +34,15 @@ class Mending:
     cut_handles: Cuts = 0
 
 
-DEFAULTS, MENDING = Common(), Mending()
+@Parameter(name="*")
+@dataclass(frozen=True)
+class Film:
+    """A film of frames."""
+
+    video: Path | None = None
+    """Also write the frames as a film here: .mp4 (with the extra "video"), .gif or .png, which every browser plays."""
+    fps: float = 12.0
+    """Frames a second of the film."""
+
+
+DEFAULTS, MENDING, FILM = Common(), Mending(), Film()

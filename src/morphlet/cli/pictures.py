@@ -1,10 +1,12 @@
-"""What `--picture` shows: which picture belongs to which result, drawn only if one was asked for."""
+"""What `--picture` and `--video` show: which picture belongs to which result, drawn only if one was asked for."""
 
 from collections.abc import Callable
 from functools import wraps
 from typing import TYPE_CHECKING, TypeVarTuple
 
+from morphlet.cli.options import VIDEOS, Film
 from morphlet.console import Run
+from morphlet.errors import InputError
 
 if TYPE_CHECKING:
     import numpy as np
@@ -113,3 +115,30 @@ def draw_poses(run: Run, rows: "list[list[Mesh]]") -> "Picture":
         from morphlet.report.rows import poses_picture
 
     return poses_picture(rows)
+
+
+def promise_film(run: Run, film: Film) -> None:
+    """Refuse, before the work begins, a film that could not be written."""
+    with run.uncounted():
+        from morphlet.io.video import check_video
+
+    if film.video is None:
+        if film != Film():
+            raise InputError("--video for --fps", "no --video", "name the film, or leave --fps out")
+        return
+    run.file(film.video, *VIDEOS)
+    check_video(film.video, film.fps)
+
+
+def shoot(run: Run, film: Film, frames: "MeshSequence") -> None:
+    """A film of the frames, coloured by place, if one was asked for."""
+    if film.video is None:
+        return
+    with run.uncounted():
+        from morphlet.io.video import write_video
+        from morphlet.report.color import place_colors
+        from morphlet.report.film import film as drawn
+
+    run.stage("film")
+    pictures = drawn(frames, colors=place_colors(frames.positions[0]))
+    write_video(run.place(film.video), (picture.pixels for picture in pictures), fps=film.fps)

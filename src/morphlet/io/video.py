@@ -79,13 +79,20 @@ def write_video(path: str | os.PathLike[str], images: Iterable[Pixels], *, fps: 
     ...     Path(folder, "fading.gif").read_bytes()[:6]
     b'GIF89a'
     """
+    check_video(path, fps)
+    put(path, ENCODERS[Path(path).suffix.lower()](_checked(images), fps))
+
+
+def check_video(path: str | os.PathLike[str], fps: float) -> None:
+    """Refuse an ending, a rate, or a missing encoder before the first image is drawn."""
     ending = Path(path).suffix.lower()
     if ending not in ENCODERS:
         raise FileError(f"a video ending in {', '.join(ENCODERS)}", str(path), "rename the output")
     if not (math.isfinite(fps) and SLOWEST <= fps <= FASTEST[ending]):
         needed = f"a rate from {SLOWEST:.3g} to {FASTEST[ending]} images a second in {ending}"
         raise InputError(needed, f"{fps:g}", f"leave it out, or try {FPS:g}")
-    put(path, ENCODERS[ending](_checked(images), fps))
+    if ending == ".mp4":
+        _ffmpeg()
 
 
 def _checked(images: Iterable[Pixels]) -> Iterator[Pixels]:
