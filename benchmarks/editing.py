@@ -59,10 +59,11 @@ FINE = "horse-170k"
 TIMED_FINE = ("CGAL spokes+rims", "libigl spokes+rims", "morphlet estimated rotations", "morphlet ARAP")
 TIMED = (
     *(*TIMED_FINE, "Open3D spokes", "libigl harmonic", "libigl biharmonic"),
-    *("morphlet harmonic", "morphlet biharmonic", "morphlet dual", "morphlet shell"),
+    *("morphlet direct", "morphlet moving least squares", "morphlet lattice", "morphlet harmonic", "morphlet biharmonic"),
+    *("morphlet similarity", "morphlet dual", "morphlet ARAP smoothed", "morphlet shell", "morphlet guarded"),
 )
 RACED = ("CGAL spokes+rims", "libigl spokes+rims", "morphlet ARAP plain", "morphlet ARAP")
-ENLARGED = ("CGAL spokes+rims", "libigl spokes+rims", "morphlet ARAP")
+ENLARGED = ("CGAL spokes+rims", "libigl spokes+rims", "morphlet ARAP", "morphlet shell")
 """Tools of the sections, unless all that there are."""
 
 
@@ -130,6 +131,7 @@ class Cost:
     setup: list[Spent] = field(default_factory=list)
     frames: list[Spent] = field(default_factory=list)
     more: list[Spent] = field(default_factory=list)
+    later: list[Spent] = field(default_factory=list)
     failed: bool = False
 
     @property
@@ -160,6 +162,7 @@ def costs(bench: Bench, section: str, tools: list[Tool], job: Job) -> Iterator[t
             cost.setup.append(answer.setup)
             cost.frames += answer.frames
             cost.more += [answer.more] if answer.more else []
+            cost.later += answer.later
     yield from ((tool, kept[tool.name]) for tool in tools if not kept[tool.name].failed)
 
 
@@ -261,11 +264,12 @@ def quality(bench: Bench) -> None:
 
 def handles(bench: Bench) -> None:
     """Free vertices join the handle."""
-    problem = bench.edits[2]
+    problem, way = bench.edits[2], tuple(np.linspace(0.1, 1, FRAMES).tolist())
     for count in MORE:
         _, more = problem.with_more_handle(count)
-        for tool, cost in costs(bench, "handles", bench.those(ENLARGED), Job(problem, (1.0,), 1, (), more)):
-            bench.note("handles", problem=problem.name, added=count, tool=tool.name, **cost.row("more"))
+        for tool, cost in costs(bench, "handles", bench.those(ENLARGED), Job(problem, way, 1, (), more)):
+            later = cost.row("frames") | cost.row("later") if cost.later else {}
+            bench.note("handles", problem=problem.name, added=count, tool=tool.name, **cost.row("more"), **later)
 
 
 def region(bench: Bench) -> None:
@@ -274,7 +278,7 @@ def region(bench: Bench) -> None:
     for radius in RADII:
         problem = pulled(f"radius {radius}", mesh, radius)
         way = tuple(np.linspace(0.1, 1, FRAMES).tolist())
-        for tool, cost in costs(bench, "region", bench.those(ENLARGED), Job(problem, way)):
+        for tool, cost in costs(bench, "region", bench.those(ENLARGED[:3]), Job(problem, way)):
             figures = cost.row("setup") | cost.row("frames")
             bench.note("region", problem=problem.name, free=len(problem.roi.free), tool=tool.name, **figures)
 
@@ -358,9 +362,12 @@ def quality_table(rows: list[dict[str, Any]], markdown: bool) -> str:
 
 
 def handles_table(rows: list[dict[str, Any]], markdown: bool) -> str:
-    """Tools down, counts across."""
+    """Tools down, counts across; then a frame before and after, of tools that ran it."""
     cells = {(row["tool"], row["added"]): with_least(row, "more") for row in rows}
-    lines = [[tool, *(cells.get((tool, count), "-") for count in MORE)] for tool in dict.fromkeys(row["tool"] for row in rows)]
+    for row in rows:
+        if "later_cpu" in row:
+            cells[f"{row['tool']}, a frame before; after", row["added"]] = f"{with_least(row, 'frames')}; {with_least(row, 'later')}"
+    lines = [[tool, *(cells.get((tool, count), "-") for count in MORE)] for tool in dict.fromkeys(tool for tool, _ in cells)]
     return table(["vertices added: CPU ms (least) / wall", *map(str, MORE)], lines, markdown)
 
 

@@ -17,7 +17,7 @@ import sys
 import tempfile
 import time
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cache, partial
 from pathlib import Path
 from typing import Any, Literal
@@ -92,6 +92,8 @@ class Answer:
     frames: list[Spent]
     positions: list[np.ndarray]
     more: Spent | None = None
+    later: list[Spent] = field(default_factory=list)
+    """The same way with the larger handle, where that was run."""
 
 
 Kind = Literal["goes on", "starts anew", "one answer"]
@@ -282,19 +284,28 @@ PEERS = (
 def own(job: Job, make: Callable[[int], Method]) -> Answer:
     """The package: a method with so many iterations, a region without anything kept from before; a frame starts from the last one's."""
     problem, before = job.problem, job.problem.roi
-    targets = [problem.pose(part) for part in job.way]
     editor, setup = spent(lambda: RoiEditor.prepare(Roi(problem.mesh, np.array(before.handle), before.free), make(job.iterations)))
-    start, times, kept = None, [], []
-    for k, target in enumerate(targets):
-        pull = Pull(target, None, start)
-        start, cost = spent(partial(editor.positions, pull))
+    times, places = dragged(editor, [problem.pose(part) for part in job.way])
+    kept = []
+    for k in job.kept:
+        whole = np.array(problem.mesh.vertices)
+        whole[before.moving] = places[k]
+        kept.append(whole)
+    if not len(job.more):
+        return Answer(setup, times, kept)
+    larger = replace(problem, handle=np.concatenate([problem.handle, job.more]))
+    editor, more = spent(partial(editor.with_handle, larger.handle))
+    return Answer(setup, times, kept, more, dragged(editor, [larger.pose(part) for part in job.way])[0])
+
+
+def dragged(editor: RoiEditor, way: list[np.ndarray]) -> tuple[list[Spent], list[np.ndarray]]:
+    """Frames of an editor, each from the last one's positions: their costs, and these."""
+    times, places, start = [], [], None
+    for targets in way:
+        start, cost = spent(partial(editor.positions, Pull(targets, None, start)))
         times.append(cost)
-        if k in job.kept:
-            whole = np.array(problem.mesh.vertices)
-            whole[before.moving] = start
-            kept.append(whole)
-    larger = np.concatenate([problem.handle, job.more])
-    return Answer(setup, times, kept, spent(partial(editor.with_handle, larger))[1] if len(job.more) else None)
+        places.append(start)
+    return times, places
 
 
 def mine(name: str, method: Method) -> Tool:

@@ -8,8 +8,10 @@ from morphlet import InputError
 from morphlet.editing.arap import Arap
 from morphlet.editing.editor import RoiEditor, edit
 from morphlet.editing.estimated import EstimatedRotations, handle_turns
+from morphlet.editing.guard import Guarded
 from morphlet.editing.method import Method, Prepared, Pull
 from morphlet.editing.roi import Roi
+from morphlet.editing.shell import Shell
 from support import blob
 
 METHODS = [Arap(60, 0.0), EstimatedRotations(), Arap(30, 0.0, smoothing=0.001)]
@@ -154,3 +156,76 @@ def test_pinned_vertices_do_not_cut_pieces_loose():
     low = roi.free[np.argsort(roi.mesh.vertices[roi.free, 2], kind="stable")[:60]]
     editor = RoiEditor.prepare(roi).with_handle(np.concatenate([roi.handle, low]))
     assert np.isfinite(editor.solve(roi.mesh.vertices[editor.roi.handle]).vertices).all()
+
+
+CHANGING = [EstimatedRotations(), Arap(200, 0.0), Shell(iterations=12, tolerance=0.0), Guarded(Shell(0.03))]
+each_change = pytest.mark.parametrize("method", CHANGING, ids=["estimated", "arap", "shell", "guarded"])
+BODY = capped(blob(4))
+
+
+def base(editor: RoiEditor):
+    """The factorization that an editor's factor was made from."""
+    prepared = editor.prepared.shell if isinstance(editor.method, Guarded) else editor.prepared
+    return prepared.base.base if isinstance(editor.method, Shell | Guarded) else prepared.system.base
+
+
+def pulled(roi: Roi) -> np.ndarray:
+    return moved(roi.mesh.vertices[roi.handle], [0.3, 0.1, 0], [0.1, 0, 0.02])
+
+
+@each_change
+@pytest.mark.parametrize("count", [1, 12])
+def test_a_few_more_cost_no_factorization(method, count):
+    """And answer what a fresh editor answers."""
+    editor = RoiEditor.prepare(BODY, method)
+    grown = editor.with_handle(larger(BODY, count))
+    assert base(grown) is base(editor)
+    fresh, found = edit(grown.roi, pulled(grown.roi), method), grown.solve(pulled(grown.roi))
+    np.testing.assert_allclose(found.vertices, fresh.vertices, rtol=0, atol=1e-10)
+    np.testing.assert_array_equal(found.vertices[grown.roi.handle], pulled(grown.roi))
+    np.testing.assert_array_equal(found.vertices[grown.roi.anchors], BODY.mesh.vertices[grown.roi.anchors])
+
+
+@each_change
+def test_changes_do_not_depend_on_those_before(method):
+    """Joined one by one, let go, joined at once: the same bits."""
+    editor = RoiEditor.prepare(BODY, method)
+    step = editor
+    for count in (1, 2, 5, 3):
+        step = step.with_handle(larger(BODY, count))
+    once = editor.with_handle(larger(BODY, 3))
+    np.testing.assert_array_equal(step.solve(pulled(step.roi)).vertices, once.solve(pulled(once.roi)).vertices)
+    back = step.with_handle(BODY.handle)
+    np.testing.assert_array_equal(back.solve(pulled(BODY)).vertices, editor.solve(pulled(BODY)).vertices)
+
+
+@each_change
+def test_many_more_are_factored_anew(method):
+    """Further changes start there, and who leaves the handle then is factored anew."""
+    editor = RoiEditor.prepare(BODY, method)
+    many = editor.with_handle(larger(BODY, 400))
+    assert base(many) is not base(editor)
+    further = many.with_handle(larger(BODY, 403))
+    assert base(further) is base(many)
+    fewer = further.with_handle(larger(BODY, 60))
+    for one in (further, fewer):
+        fresh = edit(one.roi, pulled(one.roi), method)
+        np.testing.assert_allclose(one.solve(pulled(one.roi)).vertices, fresh.vertices, rtol=0, atol=1e-10)
+
+
+@pytest.mark.parametrize("method", CHANGING[:3], ids=["estimated", "arap", "shell"])
+def test_firmer_holds_cost_no_factorization(method):
+    """Softly held vertices join, are held more firmly, then exactly; softer than at first is factored anew."""
+    soft = np.r_[np.full(len(BODY.handle), np.inf), np.full(20, 0.5)]
+    editor, handle = RoiEditor.prepare(BODY, method), larger(BODY, 20)
+    joined = editor.with_handle(handle, soft)
+    firmer = joined.with_handle(handle, 4 * soft)
+    firmest = firmer.with_handle(handle)
+    start = RoiEditor.prepare(Roi(BODY.mesh, handle, joined.roi.free, soft), method)
+    softer = start.with_handle(handle, soft / 4)
+    assert [base(one) is base(editor) for one in (joined, firmer, firmest)] == [True] * 3
+    assert base(start.with_handle(handle, 4 * soft)) is base(start)
+    assert base(softer) is not base(start)
+    for one in (joined, firmer, firmest, softer):
+        fresh = edit(one.roi, pulled(one.roi), method)
+        np.testing.assert_allclose(one.solve(pulled(one.roi)).vertices, fresh.vertices, rtol=0, atol=1e-10)

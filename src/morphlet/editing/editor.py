@@ -187,8 +187,12 @@ class RoiEditor:
 
         Notes
         -----
-        Taking free vertices into the handle, and letting them go again, costs one numeric factorization; letting go of
-        vertices that were handle from the beginning prepares anew.
+        A few free vertices that join the handle, and their leaving, cost no factorization: solves are corrected on the ways from
+        these vertices to the root of the elimination tree. With 42 622 free vertices and `Arap`, 1, 50 and 200 vertices cost 1.6, 3.5 and
+        12 ms of CPU, the solve in each frame after it 0, 0 and 8 percent more. Too many of them (from some 450 on there) cost one numeric
+        factorization (some 40 ms), from which later changes start; so does holding a vertex more softly than it was when last
+        factored. Letting go of vertices that were handle from the beginning prepares anew; so does any change for methods other
+        than `EstimatedRotations`, `Arap` without smoothing, `Shell` and `Guarded`.
         """
         chosen = _arrays.index(handle, "handle", (None,), self.roi.mesh.n_vertices)
         free = np.zeros(self.roi.mesh.n_vertices, bool)

@@ -5,7 +5,7 @@ from a state without crossings to the next: where two pieces of the surface that
 are held apart along their normals. A step after which triangles cross is taken back and halved.
 """
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import numpy as np
@@ -57,7 +57,9 @@ class Guarded:
     Notes
     -----
     Without crossings the cost is that of the shell and of one search for them. With crossings each step costs
-    some iterations and a search. Crossings that are there at rest do not count.
+    some iterations and a search: on a cactus with 5 124 free vertices, bent by 110 degrees, 104 steps take some 16 s of CPU, with a
+    stride of 2 some 12 s for nearly the same shape; bent by 130 degrees, a thickness of 0.02 leaves a crease that no stride tried here
+    (0.5, 1, 2) gets past, which is refused. Crossings that are there at rest do not count.
 
     Examples
     --------
@@ -130,30 +132,31 @@ class _Pushes:
 
     def __init__(self, contacts: Contacts, factor: Factor) -> None:
         self._contacts, self._factor = contacts, factor
-        self._active = np.zeros(len(contacts.ends), bool)
+        self._active = np.zeros(0, np.int64)
         self._answers = np.zeros((factor.n, 0))
         self._root = np.zeros((0, 0))
 
-    def force(self, whole: Float[np.ndarray, "n 3"]) -> Float[np.ndarray, "u 3"]:
-        """Forces on the unknowns, along the normals and only apart, whose answer opens every gap by what is missing."""
+    def opening(self, whole: Float[np.ndarray, "n 3"]) -> Float[np.ndarray, "u 3"]:
+        """How the unknowns answer forces along the normals, only apart, that open every gap by what is missing."""
         missing = self._contacts.missing(whole)
-        fresh = (missing > 0) & ~self._active
-        if fresh.any():
-            self._active |= fresh
-            self._prepare()
-        if not self._active.any():
+        fresh = np.setdiff1d(np.flatnonzero(missing > 0), self._active)
+        if len(fresh):
+            self._prepare(fresh)
+        if not len(self._active):
             return np.zeros((self._factor.n, 3))
         right = np.linalg.solve(self._root, missing[self._active])
         try:
             push = nnls(self._root.T, right)[0]
         except RuntimeError as error:
             raise SolveError("pushes that open all gaps", str(error), "move the handle less, or with a shorter stride") from error
-        return self._contacts.differences[self._active].T @ (push[:, None] * self._contacts.normal[self._active])
+        return self._answers @ (push[:, None] * self._contacts.normal[self._active])
 
-    def _prepare(self) -> None:
-        """How much each active gap opens for a push at each: the factor of that matrix."""
+    def _prepare(self, fresh: Int[np.ndarray, "f"]) -> None:
+        """Take in more gaps: how much each opens for a push at each, and the factor of that matrix."""
+        more = self._factor.solve(self._contacts.differences[fresh].T.toarray())
+        self._active, self._answers = np.concatenate([self._active, fresh]), np.concatenate([self._answers, more], axis=1)
         rows, normal = self._contacts.differences[self._active], self._contacts.normal[self._active]
-        opening = (rows @ self._factor.solve(rows.T.toarray())) * (normal @ normal.T)
+        opening = (rows @ self._answers) * (normal @ normal.T)
         opening[np.diag_indices(len(opening))] *= 1 + REGULAR
         self._root = np.linalg.cholesky(opening)
 
@@ -180,6 +183,11 @@ class PreparedGuard:
         if len(crossings) and not len(self.shell.energy.patch.unknown):
             raise SolveError("a free vertex that can give way", f"{len(crossings)} pairs of triangles that cross", "free some", crossings)
         return self._walked(pull, on_step) if len(crossings) else answer
+
+    def with_roi(self, roi: Roi) -> "PreparedGuard | None":
+        """The same guard with another handle, where its shell has one; None elsewhere."""
+        shell = self.shell.with_roi(roi)
+        return None if shell is None else replace(self, shell=shell)
 
     @cached_property
     def _edge(self) -> float:
@@ -233,9 +241,9 @@ class PreparedGuard:
         for _ in range(SWEEPS):
             positions[moving] = whole[roi.moving]
             force = energy.residual(positions, energy.fitted(positions, targets)[0], targets)
-            before = whole[unknown]
-            whole[unknown] = before + shell.step(positions, force)
-            whole[unknown] = before + shell.step(positions, force + pushes.force(whole))
+            before, room, step = whole[unknown], shell.room(positions), shell.factor.solve(force)
+            whole[unknown] = before + room.kept(step)
+            whole[unknown] = before + room.kept(step + pushes.opening(whole))
         return whole[roi.moving]
 
     def _contacts(self, whole: Float[np.ndarray, "n 3"], way: float) -> Contacts:

@@ -419,10 +419,12 @@ def _positive(value: float, name: str) -> float:
 
 
 def _pieces(mesh: Mesh, vertices: Int[np.ndarray, "k"]) -> Int[np.ndarray, "k"]:
-    """Number of the piece that each of some vertices belongs to, if only edges between them join them; in O(m)."""
+    """Number of the piece that each of some vertices belongs to, if only edges between them join them; three passes over the faces."""
     place = np.full(mesh.n_vertices, -1)
     place[vertices] = np.arange(len(vertices))
-    ends = place[mesh.topology.halfedges]
+    a, b, c = (place[mesh.faces[:, k]] >= 0 for k in range(3))
+    corners = place[mesh.faces[np.flatnonzero((a & b) | (c & (a | b)))]]  # of faces with an edge between them
+    ends = np.concatenate([corners[:, :2], corners[:, 1:], corners[:, ::2]])
     i, j = ends[(ends >= 0).all(axis=1)].T
     edges = sp.csr_matrix((np.ones(len(i)), (i, j)), shape=(len(vertices),) * 2)
     return connected_components(edges, directed=False)[1].astype(np.int64)

@@ -5,20 +5,21 @@ weighted with a thickness squared; the volume is a constraint. Thickness keeps f
 bent and twisted bodies stay bodies. What would still run through itself, `guard` holds apart.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Literal, get_args
 
 import numpy as np
 import scipy.sparse as sp
-from jaxtyping import Float
+from jaxtyping import Float, Int
 
 from morphlet import _arrays
 from morphlet.editing.enclosure import Enclosure
 from morphlet.editing.estimated import checked
 from morphlet.editing.linear import Surroundings, determined, hold, inverse_root_areas, require_held, springs, surroundings
 from morphlet.editing.method import Pull
-from morphlet.editing.patch import half_cotangents
+from morphlet.editing.patch import half_cotangents, unknown_vertices
 from morphlet.editing.roi import Roi
+from morphlet.editing.system import Base
 from morphlet.errors import InputError
 from morphlet.numerics.anderson import Anderson
 from morphlet.numerics.linalg import Factor
@@ -111,7 +112,9 @@ class Shell:
             If the region does not determine its deformation.
         """
         energy = _energy(roi, self.thickness)
-        return PreparedShell(self, energy, energy.factor(), Enclosure.of(roi) if self.volume == "kept" else None)
+        factor = energy.factor()
+        enclosure = Enclosure.of(roi) if self.volume == "kept" else None
+        return PreparedShell(self, energy, factor, enclosure, ShellBase(energy, energy.patch.unknown, Base(factor, energy.hold)))
 
 
 @dataclass(frozen=True, eq=False)
@@ -136,10 +139,29 @@ class ShellEnergy:
     turned: sp.csr_matrix
     spring: sp.csr_matrix
 
+    @property
+    def hold(self) -> Float[np.ndarray, "u"]:
+        """How stiffly the springs hold each unknown."""
+        return np.asarray(self.spring.sum(axis=1)).ravel()
+
+    def with_roi(self, roi: Roi) -> "ShellEnergy | None":
+        """The same energy for another handle; None if a vertex is unknown, or a handle, that is not so here."""
+        patch = self.patch
+        local, inside = unknown_vertices(roi), np.zeros(roi.mesh.n_vertices, bool)
+        inside[patch.vertices[patch.unknown]] = True
+        if roi.mesh is not self.roi.mesh or np.any(local & ~inside):
+            return None
+        inside[self.roi.handle] = True
+        if not inside[roi.handle].all():
+            return None
+        place = np.searchsorted(patch.vertices, roi.handle)
+        fresh = replace(patch, unknown=np.flatnonzero(local[patch.vertices]), handle=place)
+        return replace(self, roi=roi, patch=fresh, spring=springs(roi, fresh, self.matrix, 1))
+
     def factor(self, more: sp.csr_matrix | None = None) -> Factor:
         """Of the rows and columns of the unknowns, with the springs, and more if there is."""
         here = self.patch.unknown
-        stiff = self.matrix[here][:, here] + sp.diags(np.asarray(self.spring.sum(axis=1)).ravel())
+        stiff = self.matrix[here][:, here] + sp.diags(self.hold)
         return determined(self.patch, (stiff if more is None else stiff + more).tocsc())
 
     def begin(self, targets: Float[np.ndarray, "h 3"]) -> Float[np.ndarray, "p 3"]:
@@ -178,6 +200,62 @@ class ShellEnergy:
 
 
 @dataclass(frozen=True, eq=False)
+class ShellBase:
+    """What shells with other handles are made from: the first energy, and the last factorization with its unknowns."""
+
+    energy: ShellEnergy
+    unknown: Int[np.ndarray, "u"]
+    base: Base
+
+    def held(self, energy: ShellEnergy) -> Factor | None:
+        """The factor for the energy of another handle; None where its unknowns are not among these, or not held more."""
+        kept = np.searchsorted(self.unknown, energy.patch.unknown)
+        if not len(kept) or kept[-1] == len(self.unknown) or np.any(self.unknown[kept] != energy.patch.unknown):
+            return None
+        stiffness = np.full(len(self.unknown), np.inf)
+        stiffness[kept] = energy.hold
+        factor = self.base.held(stiffness)
+        return factor if factor is None or len(kept) == len(self.unknown) else _part(factor, kept)
+
+
+def _part(whole: Factor, kept: Int[np.ndarray, "u"]) -> Factor:
+    """The factor without the unknowns that it pins."""
+
+    def answer(b: Float[np.ndarray, "u k"]) -> Float[np.ndarray, "u k"]:
+        right = np.zeros((whole.n, b.shape[1]))
+        right[kept] = b
+        return whole.answer(right)[kept]
+
+    return Factor(len(kept), whole.nnz, answer)
+
+
+@dataclass(frozen=True, eq=False)
+class Room:
+    """The volume near some positions, to first order.
+
+    Parameters
+    ----------
+    gradient
+        Of the volume with respect to the unknowns; empty where no volume is to be kept.
+    away
+        How the unknowns answer that as a force.
+    change
+        How much more is enclosed than at rest.
+    """
+
+    gradient: Float[np.ndarray, "u 3"]
+    away: Float[np.ndarray, "u 3"]
+    change: float
+
+    def kept(self, step: Float[np.ndarray, "u 3"]) -> Float[np.ndarray, "u 3"]:
+        """The step, with as much of `away` as gives back the volume at rest."""
+        gain = float(np.einsum("kd,kd->", self.gradient, self.away))
+        if gain <= 0:
+            return step
+        return step - self.away * ((self.change + float(np.einsum("kd,kd->", self.gradient, step))) / gain)
+
+
+@dataclass(frozen=True, eq=False)
 class PreparedShell:
     """`Shell` for one region."""
 
@@ -185,6 +263,7 @@ class PreparedShell:
     energy: ShellEnergy
     factor: Factor
     enclosure: Enclosure | None
+    base: ShellBase
 
     def __call__(self, pull: Pull, on_step: OnStep | None = None) -> Float[np.ndarray, "k 3"]:
         """Positions of `Roi.moving`."""
@@ -202,6 +281,18 @@ class PreparedShell:
         self._fill(positions)
         return self.energy.answer(positions, targets)
 
+    def with_roi(self, roi: Roi) -> "PreparedShell | None":
+        """The same shell with another handle, if its unknowns are among this one's and the same vertices move; None elsewhere."""
+        energy = self.base.energy.with_roi(roi)
+        if energy is None or not np.array_equal(roi.moving, self.energy.roi.moving):
+            return None
+        factor = self.base.held(energy)
+        if factor is not None:
+            return replace(self, energy=energy, factor=factor)
+        factor = energy.factor()
+        base = ShellBase(self.base.energy, energy.patch.unknown, Base(factor, energy.hold))
+        return replace(self, energy=energy, factor=factor, base=base)
+
     def spread(self, turns: Float[np.ndarray, "g 3"]) -> Float[np.ndarray, "c 3 3"]:
         """Rotation of each cell: the handle's rotation vectors, spread with the least energy, none longer than the longest of them."""
         patch, of_handle = self.energy.patch, turns[self.energy.roi.handle_parts]
@@ -214,21 +305,19 @@ class PreparedShell:
         scale = np.divide(longest, length, out=np.ones_like(length), where=length > longest)
         return exponential((vectors * scale)[patch.cells]).reshape(-1, 3, 3)
 
-    def step(
-        self, positions: Float[np.ndarray, "p 3"], force: Float[np.ndarray, "u 3"], factor: Factor | None = None
-    ) -> Float[np.ndarray, "u 3"]:
+    def step(self, positions: Float[np.ndarray, "p 3"], force: Float[np.ndarray, "u 3"]) -> Float[np.ndarray, "u 3"]:
         """How the unknowns answer a force: where it costs the least energy so that, to first order, the volume is what it was."""
-        solve = (self.factor if factor is None else factor).solve
-        answer, patch, roi = solve(force), self.energy.patch, self.energy.roi
+        return self.room(positions).kept(self.factor.solve(force))
+
+    def room(self, positions: Float[np.ndarray, "p 3"]) -> "Room":
+        """How displacements of the unknowns change the volume."""
+        patch, roi = self.energy.patch, self.energy.roi
         if self.enclosure is None or not len(patch.unknown):
-            return answer
+            return Room(np.zeros((0, 3)), np.zeros((0, 3)), 0.0)
         moving = np.searchsorted(patch.vertices, roi.moving)
         shift = positions[moving] - patch.mesh.vertices[moving]
         gradient = self.enclosure.gradient(shift)[np.searchsorted(roi.moving, patch.vertices[patch.unknown])]
-        away = solve(gradient)
-        gain = float(np.einsum("kd,kd->", gradient, away))
-        ahead = self.enclosure.change(shift) + float(np.einsum("kd,kd->", gradient, answer))
-        return answer - away * (ahead / gain) if gain > 0 else answer
+        return Room(gradient, self.factor.solve(gradient), self.enclosure.change(shift))
 
     def _fill(self, positions: Float[np.ndarray, "p 3"]) -> None:
         """Move the unknowns, in place, until the volume is right."""

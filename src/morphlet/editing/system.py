@@ -1,8 +1,8 @@
 """The linear system of a patch, ``(L + Lambda) d = r`` on its unknowns: factored once, solved for any residual.
 
 L is the cotangent Laplacian restricted to the unknowns, Lambda the stiffness with which soft handle vertices are held. Some
-unknowns may be pinned: their rows become identity, which keeps the pattern, so that the handle may change for the price of
-one numeric factorization.
+unknowns may be pinned, as if held infinitely stiffly. A handle that holds more than the one that was factored needs no new
+factor; any other handle of these unknowns one numeric factorization: rows of pinned unknowns become identity, which keeps the pattern.
 """
 
 from dataclasses import dataclass, replace
@@ -38,6 +38,10 @@ class System:
         The analysed pattern, and the entries of L's lower triangle on it.
     factor, rough
         Of the matrix for this handle; and its solver for corrections, of single precision.
+    grip
+        Where the handle is in the patch.
+    base
+        The last factorization, which `factor` may be made from.
     """
 
     roi: Roi
@@ -48,20 +52,25 @@ class System:
     factor: Factor
     rough: Solver
     grip: "Grip"
+    base: "Base"
 
     def correct(self, residual: Float[np.ndarray, "p 3"]) -> Float[np.ndarray, "u 3"]:
         """`solve` in single precision: for an iteration that measures what is left. Even faces that are nearly flat, with weights
         of 5e7, leave it a hundred times more than enough."""
         right = residual[: self.patch.n_unknowns]
         right[self.grip.pinned] = 0.0
-        return self.rough(right)
+        answer = self.rough(right)
+        answer[self.grip.pinned] = 0.0  # a stiffened factor leaves rounding there
+        return answer
 
     def solve(self, residual: Float[np.ndarray, "p k"]) -> Float[np.ndarray, "u k"]:
         """Displacement of the unknowns for a residual, whose further rows do not count."""
         right = np.empty((self.patch.n_unknowns, residual.shape[1]))
         right[self.order] = residual[: self.patch.n_unknowns]
         right[self.order[self.grip.pinned]] = 0.0
-        return self.factor.answer(right)[self.order] if len(right) else right
+        answer = self.factor.answer(right)[self.order] if len(right) else right
+        answer[self.grip.pinned] = 0.0
+        return answer
 
 
 class Triangle(NamedTuple):
@@ -70,6 +79,29 @@ class Triangle(NamedTuple):
     indptr: Int[np.ndarray, "u+1"]
     indices: Int[np.ndarray, "z"]
     data: Float[np.ndarray, "z"]
+
+
+@dataclass(frozen=True, eq=False)
+class Base:
+    """A factorization that others may be made from.
+
+    Parameters
+    ----------
+    factor
+        Of a matrix.
+    stiffness
+        What each of its unknowns is held with, in the matrix's numbering: infinite where it is pinned.
+    """
+
+    factor: Factor
+    stiffness: Float[np.ndarray, "u"]
+
+    def held(self, stiffness: Float[np.ndarray, "u"]) -> Factor | None:
+        """The factor with the unknowns held so; None where one is held less than here, or too many more."""
+        more = np.flatnonzero(stiffness > self.stiffness)
+        if np.any(stiffness < self.stiffness):
+            return None
+        return self.factor.stiffened(more, stiffness[more] - self.stiffness[more]) if len(more) else self.factor
 
 
 @dataclass(frozen=True, eq=False)
@@ -99,6 +131,13 @@ class Grip:
     own: Int[np.ndarray, "d"]
     own_place: Int[np.ndarray, "d"]
     handle_place: Int[np.ndarray, "h"]
+
+    def hold(self, order: Int[np.ndarray, "u"]) -> Float[np.ndarray, "u"]:
+        """How stiffly each unknown is held, infinitely where it is pinned, in the matrix's numbering."""
+        stiffness = np.zeros(len(order))
+        stiffness[order[self.soft]] = self.stiffness
+        stiffness[order[self.pinned]] = np.inf
+        return stiffness
 
     def begin(self, rest: Float[np.ndarray, "p 3"], targets: Float[np.ndarray, "h 3"]) -> Float[np.ndarray, "p 3"]:
         """The patch at rest, its handle at the targets."""
@@ -136,21 +175,24 @@ def system(roi: Roi, least: float = -np.inf) -> System:
     lower = _lower(first)
     analysis = analyse(lower.indptr, lower.indices)  # breadth-first cuts alone: found a fifth faster, for 3 % more fill
     whole = reordered(first, analysis.order)
-    known = System(roi, whole, analysis.order, analysis, lower, Factor(0, 0, np.array), np.array, _grip(roi, whole))
+    nothing = Factor(0, 0, np.array)
+    known = System(roi, whole, analysis.order, analysis, lower, nothing, np.array, _grip(roi, whole), Base(nothing, np.zeros(0)))
     _check_pieces(known)
     return _factored(known)
 
 
 def regripped(before: System, roi: Roi) -> System | None:
-    """The same patch with another handle, for the price of a numeric factorization; None if an unknown is not one of the patch's."""
+    """The same patch with another handle, for the price of a numeric factorization at most; None if an unknown is not one of its own."""
     outside = np.ones(roi.mesh.n_vertices, bool)
     outside[before.patch.vertices[: before.patch.n_unknowns]] = False
     if roi.mesh is not before.roi.mesh or np.any(outside & unknown_vertices(roi)):
         return None
     known = replace(before, roi=roi, grip=_grip(roi, before.patch))
-    if not np.isin(known.grip.own, before.grip.own, assume_unique=True).all():
-        _check_pieces(known)  # fewer unknowns leave none loose
-    return _factored(known)
+    hold = known.grip.hold(known.order)
+    if np.any(hold < before.grip.hold(known.order)):
+        _check_pieces(known)  # who is held no less is not loose
+    factor = known.base.held(hold)
+    return _factored(known) if factor is None else replace(known, factor=factor, rough=factor.rough())
 
 
 def _lower(first: Patch) -> "Triangle":
@@ -171,6 +213,8 @@ def _grip(roi: Roi, whole: Patch) -> Grip:
     index[roi.handle] = np.arange(len(roi.handle))
     pulled, unknown = index[whole.vertices], unknown_vertices(roi)[whole.vertices]
     unknown[whole.n_unknowns :] = False
+    place = np.empty(roi.mesh.n_vertices, np.int64)
+    place[roi.moving] = np.arange(len(roi.moving))
     held, soft, own = (np.nonzero(mask)[0] for mask in ((pulled >= 0) & ~unknown, (pulled >= 0) & unknown, unknown))
     weight = np.zeros(0) if roi.weight is None else roi.weight[pulled[soft]]
     return Grip(
@@ -181,8 +225,8 @@ def _grip(roi: Roi, whole: Patch) -> Grip:
         stiffness=weight * whole.stiffness[soft] if len(soft) else weight,
         pinned=np.nonzero(~unknown[: whole.n_unknowns])[0],
         own=own,
-        own_place=np.searchsorted(roi.moving, whole.vertices[own]),
-        handle_place=np.searchsorted(roi.moving, roi.handle),
+        own_place=place[whole.vertices[own]],
+        handle_place=place[roi.handle],
     )
 
 
@@ -198,7 +242,7 @@ def _factored(known: System) -> System:
         values[diagonal[pinned]] = 1.0
     with threads.limited(1 if n < FEW else None):
         factor = known.analysis.factor(values)
-    return replace(known, factor=factor, rough=factor.rough())
+    return replace(known, factor=factor, rough=factor.rough(), base=Base(factor, grip.hold(known.order)))
 
 
 def _check_pieces(known: System) -> None:

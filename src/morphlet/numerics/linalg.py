@@ -7,7 +7,7 @@ number of right-hand sides. The same input gives the same bits. Values are float
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from functools import partial
+from functools import cached_property, partial
 from typing import Any, Literal, get_args
 
 import numpy as np
@@ -17,7 +17,7 @@ from scipy.sparse.linalg import splu
 
 from morphlet import _arrays
 from morphlet.errors import InputError, MissingExtra, SolveError
-from morphlet.numerics import supernodal
+from morphlet.numerics import stiffer, supernodal
 
 Backend = Literal["supernodal", "superlu", "cholmod"]
 """Who factors: the package's own Cholesky, SuperLU of scipy, or CHOLMOD of scikit-sparse (an extra). Never chosen by what is installed."""
@@ -43,12 +43,15 @@ class Factor:
         The prepared triangular solves.
     prepare_rough
         Prepares a faster solver of single precision, for three right-hand sides in elimination order; None where there is none.
+    prepare_stiffer
+        Prepares the factor of a matrix with more on the diagonal, from checked unknowns and stiffness; None where it cannot.
     """
 
     n: int
     nnz: int | None
     answer: Solver
     prepare_rough: Callable[[], Solver] | None = None
+    prepare_stiffer: Callable[[np.ndarray, np.ndarray], "Factor | None"] | None = None
 
     def rough(self) -> Solver:
         """A solver for three right-hand sides (n, 3) whose rows, like the answer's, are in elimination order (`Analysis.order`).
@@ -61,8 +64,8 @@ class Factor:
 
         Notes
         -----
-        Preparing it inverts the diagonal blocks of the factor, a tenth of the factorization's work. A solve then is matrix
-        products alone: three times as fast as `solve`.
+        Preparing it inverts the diagonal blocks of the factor, a tenth of the factorization's work, once for a factor and all
+        that `stiffened` makes of it. A solve then is matrix products alone: three times as fast as `solve`.
 
         Examples
         --------
@@ -73,6 +76,53 @@ class Factor:
         3.0
         """
         return self.answer if self.prepare_rough is None else self.prepare_rough()
+
+    def stiffened(self, unknowns: Int[np.ndarray, "k"], stiffness: Float[np.ndarray, "k"]) -> "Factor | None":
+        """The factor of the same matrix with more on its diagonal.
+
+        Parameters
+        ----------
+        unknowns
+            Where, ascending.
+        stiffness
+            How much more, positive; infinite holds the unknown at 0, whatever its right-hand side.
+
+        Returns
+        -------
+        factor
+            None where a factorization would cost less than this, in frames to come at least; where the backend cannot; or for a factor
+            that was made so itself: make another from the first.
+
+        Raises
+        ------
+        InputError
+            If the unknowns do not ascend, are none of the matrix, or a stiffness is not positive.
+
+        Notes
+        -----
+        The factor is kept as it is. Of the half-solved right-hand sides, ``L^-1 b``, a projection takes what the new stiffness resists:
+        it touches only the m rows on the ways from these unknowns to the root of the elimination tree. To prepare it costs k solves
+        with these rows and ``m k^2`` operations, to use it ``2 m k`` per right-hand side.
+
+        References
+        ----------
+        Yeung, Crouch, Pothen, Interactively cutting and constraining vertices in meshes using augmented matrices, ACM Transactions on
+        Graphics 35, 2016.
+
+        Examples
+        --------
+        >>> import numpy as np, scipy.sparse as sp
+        >>> from morphlet.numerics.linalg import factorize
+        >>> chain = sp.diags([-np.ones(4), np.full(5, 2.0), -np.ones(4)], [-1, 0, 1], format="csc")
+        >>> (factorize(chain).stiffened([2], [np.inf]).solve(np.ones(5)).round(12) + 0.0).tolist()
+        [1.0, 1.0, 0.0, 1.0, 1.0]
+        """
+        chosen = _arrays.index(unknowns, "unknowns", (None,), self.n)
+        more = np.array(stiffness, dtype=np.float64)
+        if more.shape != chosen.shape or np.any(np.diff(chosen) <= 0) or not np.all(more > 0):
+            found = f"{len(chosen)} unknowns and stiffness of shape {more.shape}"
+            raise InputError("ascending unknowns, a positive stiffness for each", found, "sort them, leave out what is not stiffer")
+        return None if self.prepare_stiffer is None else self.prepare_stiffer(chosen, more)
 
     def solve(self, b: Float[np.ndarray, "n *k"]) -> Float[np.ndarray, "n *k"]:
         """The x with A x = b, one column per right-hand side.
@@ -367,15 +417,41 @@ def _prepare_supernodal(pattern: sp.csc_matrix, points: np.ndarray | None) -> Pr
         panels, row = supernodal.factor(plan, values)
         if row >= 0:
             raise _refuse(row, "a pivot that is not positive", n)
-        rough = partial(_rough, plan, panels)
-        return Factor(n, len(panels), partial(supernodal.solve, plan, panels), rough)
+        return _Panels(plan, panels).factor(supernodal.NOTHING)
 
     return plan.order, numeric
 
 
-def _rough(plan: supernodal.Symbolic, panels: np.ndarray) -> Solver:
-    """With the panels inverted."""
-    return partial(supernodal.solve_singly, plan, supernodal.inverse(plan, panels))
+@dataclass(frozen=True, eq=False)
+class _Panels:
+    """What the factor of a matrix and those of stiffer ones share."""
+
+    plan: supernodal.Symbolic
+    panels: Float[np.ndarray, "p"]
+
+    @cached_property
+    def inverse(self) -> supernodal.Inverse:
+        """For rough solutions."""
+        return supernodal.inverse(self.plan, self.panels)
+
+    def factor(self, projection: supernodal.Projection) -> Factor:
+        """With this projection between the two halves of a solve."""
+        again = None if len(projection.rows) else self.stiffened
+        answer = partial(supernodal.solve, self.plan, self.panels, projection)
+        return Factor(len(self.plan.order), len(self.panels), answer, partial(self.rough, projection), again)
+
+    def rough(self, projection: supernodal.Projection) -> Solver:
+        """With the panels inverted."""
+        return partial(supernodal.solve_singly, self.plan, self.inverse, projection)
+
+    def stiffened(self, unknowns: np.ndarray, stiffness: np.ndarray) -> Factor | None:
+        """The projection is found where that is not too much work."""
+        place = np.empty(len(self.plan.order), np.int64)
+        place[self.plan.order] = np.arange(len(place))
+        chosen = place[unknowns]
+        down = np.argsort(-chosen)
+        projection = stiffer.projection(self.plan.tree, self.panels, chosen[down], stiffness[down])
+        return None if projection is None else self.factor(projection)
 
 
 def _prepare_cholmod(pattern: sp.csc_matrix, _points: np.ndarray | None) -> Prepared:

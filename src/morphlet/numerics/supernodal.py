@@ -16,6 +16,7 @@ from jaxtyping import Float, Float32, Int
 from numba import njit
 
 from morphlet.numerics import threads
+from morphlet.numerics.compiled import OPTIONS, inner_kernel, kernel
 from morphlet.numerics.ordering import Graph, dissection
 
 SMALL, MEDIUM = 16, 48
@@ -40,14 +41,8 @@ FASTMATH = {"reassoc", "contract", "nsz"}
 """Sums may be reordered to use vector registers; NaN and infinities keep their meaning."""
 
 
-OUTER = njit(cache=True, error_model="numpy", nogil=True)
-"""Kernels called from Python."""
-
-INNER = njit(cache=True, error_model="numpy", nogil=True, no_cpython_wrapper=True, no_cfunc_wrapper=True)
-"""Kernels called by kernels: without wrappers they compile in three quarters of the time."""
-
-FAST = njit(cache=True, error_model="numpy", nogil=True, no_cpython_wrapper=True, no_cfunc_wrapper=True, fastmath=FASTMATH)
-"""Kernels of long sums."""
+fast_kernel = njit(**OPTIONS, no_cpython_wrapper=True, fastmath=FASTMATH)
+"""Inner kernels of long sums."""
 
 
 class Tree(NamedTuple):
@@ -109,10 +104,29 @@ def factor(plan: Symbolic, values: Float[np.ndarray, "z"]) -> tuple[Float[np.nda
     return panels, int(plan.order[min(failures)]) if min(failures) >= 0 else -1
 
 
-def solve(plan: Symbolic, panels: Float[np.ndarray, "p"], b: Float[np.ndarray, "n k"]) -> Float[np.ndarray, "n k"]:
+class Projection(NamedTuple):
+    """What a matrix that became stiffer in a few unknowns takes out of half-solved right-hand sides.
+
+    Of ``z = L^-1 b`` it takes ``Q Q' z``, in some rows alone: with the rest, L' gives the answer of the stiffer matrix.
+    """
+
+    rows: Int[np.ndarray, "m"]  # ascending, in elimination order
+    basis: Float[np.ndarray, "k m"]  # Q, column by column; column j is zero above row j
+    single: Float32[np.ndarray, "q"]  # the same in single precision, rows padded to whole `LANES`
+
+
+NOTHING = Projection(np.zeros(0, np.int64), np.zeros((0, 0)), np.zeros(0, np.float32))
+"""The matrix as it was factored."""
+
+
+def solve(plan: Symbolic, panels: Float[np.ndarray, "p"], projection: Projection, b: Float[np.ndarray, "n k"]) -> Float[np.ndarray, "n k"]:
     """The solution of A x = b from the panels of A."""
     x = np.ascontiguousarray(b[plan.order].T)
-    _substitute(plan.tree, panels, x)
+    forward(plan.tree, panels, np.zeros(len(x), np.int64), x)
+    if len(projection.rows):
+        half = x[:, projection.rows]
+        x[:, projection.rows] = half - np.einsum("ck,km->cm", np.einsum("cm,km->ck", half, projection.basis), projection.basis)
+    _backwards(plan.tree, panels, x)
     answer = np.empty(b.shape)
     answer[plan.order] = x.T
     return answer
@@ -132,21 +146,24 @@ class Inverse(NamedTuple):
 def inverse(plan: Symbolic, panels: Float[np.ndarray, "p"]) -> Inverse:
     """From the panels of a factor; as many operations as a tenth of the factorization's."""
     columns, below = np.diff(plan.tree.first), np.diff(plan.tree.row_start)
-    start = _from_counts(columns * _padded(columns + below))
+    start = _from_counts(columns * padded(columns + below))
     inverted = np.zeros(start[-1])
     _invert(plan.tree, panels, start, inverted)
     return Inverse(start, inverted.astype(np.float32))
 
 
-def solve_singly(plan: Symbolic, inverted: Inverse, b: Float[np.ndarray, "n 3"]) -> Float[np.ndarray, "n 3"]:
+def solve_singly(plan: Symbolic, inverted: Inverse, projection: Projection, b: Float[np.ndarray, "n 3"]) -> Float[np.ndarray, "n 3"]:
     """Roughly the solution of A x = b, rows of b and x in elimination order."""
-    rows = np.diff(plan.tree.first) + np.diff(plan.tree.row_start)
-    x = b.astype(np.float32)
-    _multiply(plan.tree, inverted, x, np.zeros((6, int(_padded(rows.max()))), np.float32))
+    rows = np.append(np.diff(plan.tree.first) + np.diff(plan.tree.row_start), len(projection.rows))
+    x, work = b.astype(np.float32), np.zeros((6, padded(rows).max()), np.float32)
+    _multiply_down(plan.tree, inverted, x, work)
+    if len(projection.rows):
+        _project(projection.rows, projection.single, x, work)
+    _multiply_up(plan.tree, inverted, x, work)
     return x.astype(np.float64)
 
 
-def _padded(rows: Int[np.ndarray, "s"]) -> Int[np.ndarray, "s"]:
+def padded(rows: Int[np.ndarray, "s"]) -> Int[np.ndarray, "s"]:
     """Rows rounded up to whole vector registers."""
     return (rows + LANES - 1) // LANES * LANES
 
@@ -280,7 +297,7 @@ def _stacks(parent: Int[np.ndarray, "s"], group: Int[np.ndarray, "s"], size: Int
     return np.array(start) + _from_counts(np.array(peak))[np.array(stack)], sum(peak)
 
 
-@OUTER
+@kernel
 def _earlier(graph, order):  # type: ignore[no-untyped-def]
     """The neighbours of each place of the order that come before it."""
     place, starts = np.empty(len(order), np.int32), np.zeros(len(order) + 1, np.int32)
@@ -298,7 +315,7 @@ def _earlier(graph, order):  # type: ignore[no-untyped-def]
     return Graph(starts, nodes)
 
 
-@OUTER
+@kernel
 def _elimination(earlier):  # type: ignore[no-untyped-def]
     """Parent of each node in the elimination tree, -1 for roots (Liu 1990)."""
     n = len(earlier.starts) - 1
@@ -315,7 +332,7 @@ def _elimination(earlier):  # type: ignore[no-untyped-def]
     return parent
 
 
-@OUTER
+@kernel
 def _postorder(parent):  # type: ignore[no-untyped-def]
     """The nodes of a forest, each after all of its subtree."""
     n = len(parent)
@@ -342,7 +359,7 @@ def _postorder(parent):  # type: ignore[no-untyped-def]
     return order
 
 
-@OUTER
+@kernel
 def _counts(earlier, parent, sizes):  # type: ignore[no-untyped-def]
     """Rows of each node's column of the factor, its own among them (row subtrees, Gilbert et al. 1994)."""
     counts, seen = np.zeros(len(parent), np.int64), np.full(len(parent), -1)
@@ -358,7 +375,7 @@ def _counts(earlier, parent, sizes):  # type: ignore[no-untyped-def]
     return counts
 
 
-@OUTER
+@kernel
 def _relax(parent, columns, below, entries, into):  # type: ignore[no-untyped-def]
     """Write the supernode that each one ends in, when children join their parents for few zeros; columns and entries follow."""
     for s in range(len(parent)):
@@ -374,7 +391,7 @@ def _relax(parent, columns, below, entries, into):  # type: ignore[no-untyped-de
         into[s] = into[into[s]]
 
 
-@OUTER
+@kernel
 def _rows(earlier, supernode, parent, at, rows):  # type: ignore[no-untyped-def]
     """Write the rows below each supernode from place `at` on, ascending (or only count them, if there is no room); the places after."""
     seen = np.full(len(parent), -1)
@@ -390,7 +407,7 @@ def _rows(earlier, supernode, parent, at, rows):  # type: ignore[no-untyped-def]
     return at
 
 
-@OUTER
+@kernel
 def _relative(tree):  # type: ignore[no-untyped-def]
     """Fill `relative`: the parent has every row of the child."""
     for p in range(len(tree.first) - 1):
@@ -407,7 +424,7 @@ def _relative(tree):  # type: ignore[no-untyped-def]
                     tree.relative[q] = n_columns + at - tree.row_start[p]
 
 
-@OUTER
+@kernel
 def _targets(low, high, owner, tree):  # type: ignore[no-untyped-def]
     """Place among the panels of the entry at column `low`, row `high`."""
     targets = np.empty(len(low), np.int64)
@@ -429,7 +446,7 @@ def _targets(low, high, owner, tree):  # type: ignore[no-untyped-def]
     return targets
 
 
-@OUTER
+@kernel
 def _factor(tree, blocks, chosen):  # type: ignore[no-untyped-def]
     """Factor the chosen supernodes, children before parents; the first column whose pivot is not positive, -1 if there is none."""
     panels, updates = blocks
@@ -445,7 +462,7 @@ def _factor(tree, blocks, chosen):  # type: ignore[no-untyped-def]
     return -1
 
 
-@INNER
+@inner_kernel
 def _extend(tree, panels, updates, family):  # type: ignore[no-untyped-def]
     """Add the update of a child into the panel and the update of its parent."""
     child, s = family
@@ -465,27 +482,35 @@ def _extend(tree, panels, updates, family):  # type: ignore[no-untyped-def]
         source += np.uintp(m)
 
 
-@INNER
+@inner_kernel
 def _eliminate(panels, updates, starts, c, r):  # type: ignore[no-untyped-def]
-    """Cholesky of the panel, WIDTH columns at a time, and of its update; the first column whose pivot is not positive, or -1."""
+    """Cholesky of the panel and of its update; the first column whose pivot is not positive, or -1."""
     panel, update = starts
-    f = c + r
+    failed = triangulate(panels, panel, c, c + r)
+    for k in range(0, c if failed < 0 else 0, WIDTH):
+        for j in range(r):
+            columns = (c + r, min(WIDTH, c - k))
+            subtract(panels, panel + k * (c + r) + c + j, columns, updates, (update + j * r + j, r - j))
+    return failed
+
+
+@inner_kernel
+def triangulate(panels, panel, c, f):  # type: ignore[no-untyped-def]
+    """Cholesky of a panel of c columns and f rows, WIDTH columns at a time; the first column whose pivot is not positive, or -1."""
     for k in range(0, c, WIDTH):
         end = min(k + WIDTH, c)
         for j in range(k, end):
             at = panel + j * f + j
-            _subtract(panels, panel + k * f + j, (f, j - k), panels, (at, f - j))
+            subtract(panels, panel + k * f + j, (f, j - k), panels, (at, f - j))
             if not panels[at] > 0.0:
                 return j
             _divide_column(panels, at, f - j)
         for j in range(end, c):
-            _subtract(panels, panel + k * f + j, (f, end - k), panels, (panel + j * f + j, f - j))
-        for j in range(r):
-            _subtract(panels, panel + k * f + c + j, (f, end - k), updates, (update + j * r + j, r - j))
+            subtract(panels, panel + k * f + j, (f, end - k), panels, (panel + j * f + j, f - j))
     return -1
 
 
-@INNER
+@inner_kernel
 def _divide_column(panels, at, length):  # type: ignore[no-untyped-def]
     """A column of the factor from its pivot down."""
     root, a = np.sqrt(panels[at]), np.uintp(at)
@@ -495,8 +520,8 @@ def _divide_column(panels, at, length):  # type: ignore[no-untyped-def]
     panels[a] = root
 
 
-@FAST
-def _subtract(source, at, shape, target, span):  # type: ignore[no-untyped-def]
+@fast_kernel
+def subtract(source, at, shape, target, span):  # type: ignore[no-untyped-def]
     """From a column of the target, columns of the source (their distance and number: `shape`) times their first entries."""
     step, count = shape
     to, length = span
@@ -521,19 +546,26 @@ def _subtract(source, at, shape, target, span):  # type: ignore[no-untyped-def]
         a = b + s
 
 
-@OUTER
-def _substitute(tree, panels, x):  # type: ignore[no-untyped-def]
-    """Solve L L' y = x in place, row by row of x."""
+@kernel
+def forward(tree, panels, start, x):  # type: ignore[no-untyped-def]
+    """Solve L y = x in place, row by row of x (k, n); row k of x is zero before supernode start[k]."""
     work = np.empty(tree.first[-1])
     for s in range(len(tree.first) - 1):
         for k in range(len(x)):
-            _forward(tree, panels, s, x[k], work)
+            if start[k] <= s:
+                _forward(tree, panels, s, x[k], work)
+
+
+@kernel
+def _backwards(tree, panels, x):  # type: ignore[no-untyped-def]
+    """Solve L' y = x in place, row by row of x."""
+    work = np.empty(tree.first[-1])
     for s in range(len(tree.first) - 2, -1, -1):
         for k in range(len(x)):
             _backward(tree, panels, s, x[k], work)
 
 
-@FAST
+@fast_kernel
 def _forward(tree, panels, s, y, work):  # type: ignore[no-untyped-def]
     """Eliminate the columns of supernode s from y; its columns end in `work`."""
     first, begin = tree.first[s], tree.row_start[s]
@@ -553,7 +585,7 @@ def _forward(tree, panels, s, y, work):  # type: ignore[no-untyped-def]
         y[tree.rows[np.uintp(begin) + i]] += work[c + i]
 
 
-@FAST
+@fast_kernel
 def _backward(tree, panels, s, y, work):  # type: ignore[no-untyped-def]
     """Solve for the unknowns of supernode s from those after it."""
     first, begin = np.uintp(tree.first[s]), np.uintp(tree.row_start[s])
@@ -575,7 +607,7 @@ def _backward(tree, panels, s, y, work):  # type: ignore[no-untyped-def]
         y[first + at] = v
 
 
-@OUTER
+@kernel
 def _invert(tree, panels, start, inverted):  # type: ignore[no-untyped-def]
     """Write the inverted panels; `inverted` is zero before."""
     for s in range(len(start) - 1):
@@ -584,7 +616,7 @@ def _invert(tree, panels, start, inverted):  # type: ignore[no-untyped-def]
             _invert_panel(panels, tree.panel[s], (c, c + r), inverted, start[s])
 
 
-@FAST
+@fast_kernel
 def _invert_panel(panels, panel, shape, inverted, to):  # type: ignore[no-untyped-def]
     """Columns from the last to the first: each is its own, less the later ones as often as it has their rows."""
     c, f = shape
@@ -601,11 +633,11 @@ def _invert_panel(panels, panel, shape, inverted, to):  # type: ignore[no-untype
                 inverted[np.uintp(at) + i] -= inverted[other + i] * share
 
 
-@OUTER
-def _multiply(tree, inverse, x, work):  # type: ignore[no-untyped-def]
-    """Solve in place for x (n, 3); work (6, padded rows of the largest panel): values of the columns, and of all rows."""
-    n_supernodes, columns, rows = len(tree.first) - 1, work[:3], work[3:]
-    for s in range(n_supernodes):
+@kernel
+def _multiply_down(tree, inverse, x, work):  # type: ignore[no-untyped-def]
+    """Half-solve in place for x (n, 3); work (6, padded rows of the largest panel): values of the columns, and of all rows."""
+    columns, rows = work[:3], work[3:]
+    for s in range(len(tree.first) - 1):
         first, begin = np.uintp(tree.first[s]), np.uintp(tree.row_start[s])
         c, r = np.uintp(tree.first[s + 1]) - first, np.uintp(tree.row_start[s + 1]) - begin
         for k in range(np.uintp(3)):
@@ -621,7 +653,35 @@ def _multiply(tree, inverse, x, work):  # type: ignore[no-untyped-def]
             row = np.uintp(tree.rows[begin + i])
             for k in range(np.uintp(3)):
                 x[row, k] += rows[k, c + i]
-    for s in range(n_supernodes - 1, -1, -1):
+
+
+@kernel
+def _project(chosen, basis, x, work):  # type: ignore[no-untyped-def]
+    """Take from the chosen rows of x (n, 3) their part in the basis, as long as a panel of these rows."""
+    columns, rows, f = work[:3], work[3:], np.uintp(len(chosen))
+    g = (f + np.uintp(LANES - 1)) // np.uintp(LANES) * np.uintp(LANES)
+    c = np.uintp(len(basis)) // g
+    for k in range(np.uintp(3)):
+        for i in range(f):
+            rows[k, i] = x[chosen[i], k]
+        for i in range(f, g):
+            rows[k, i] = 0.0
+    start = np.int64(0)  # a literal would compile both once more
+    _up(basis, start, (c, f), columns, rows)
+    for k in range(np.uintp(3)):
+        for i in range(g):
+            rows[k, i] = 0.0
+    _down(basis, start, (c, f), columns, rows)
+    for i in range(f):
+        for k in range(np.uintp(3)):
+            x[chosen[i], k] -= rows[k, i]
+
+
+@kernel
+def _multiply_up(tree, inverse, x, work):  # type: ignore[no-untyped-def]
+    """The other half."""
+    columns, rows = work[:3], work[3:]
+    for s in range(len(tree.first) - 2, -1, -1):
         first, begin = np.uintp(tree.first[s]), np.uintp(tree.row_start[s])
         c, r = np.uintp(tree.first[s + 1]) - first, np.uintp(tree.row_start[s + 1]) - begin
         for k in range(np.uintp(3)):
@@ -639,7 +699,7 @@ def _multiply(tree, inverse, x, work):  # type: ignore[no-untyped-def]
                 x[first + i, k] = columns[k, i]
 
 
-@FAST
+@fast_kernel
 def _down(panels, start, shape, columns, rows):  # type: ignore[no-untyped-def]
     """rows (3, g) += P columns (3, c), four columns of the panel at a time; above its diagonal block a column is zero."""
     c, f = shape
@@ -669,7 +729,7 @@ def _down(panels, start, shape, columns, rows):  # type: ignore[no-untyped-def]
         j, p = j + one, p + g
 
 
-@FAST
+@fast_kernel
 def _up(panels, start, shape, columns, rows):  # type: ignore[no-untyped-def]
     """columns (3, c) = P' rows (3, g), four columns of the panel at a time."""
     c, f = shape
