@@ -2,13 +2,13 @@
 
 Levels and the first round of the polish compare triangles with their own shapes, robustly: what is off is few and far off. Then the
 stretch of the images is spread (`stretch`), and the rounds that follow, nearly of least squares, leave limbs that are longer or thicker
-as a whole where they belong.
+as a whole where they belong. On the full mesh the likeness of `relief` holds what could slide without being stretched.
 
 Arrays and prepared targets only; what the caller gets, and the attempts, are `embedding`'s business.
 """
 
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from typing import NamedTuple
 
@@ -21,6 +21,7 @@ from morphlet.mapping import chord, metric
 from morphlet.mapping.chord import Images
 from morphlet.mapping.metric import Ground, MetricField, Seats, Source, blended, empty_seats
 from morphlet.mapping.polish import Goals, Polish
+from morphlet.mapping.relief import Likeness
 from morphlet.mapping.ring import putter, sweep
 from morphlet.mapping.stretch import Evening
 from morphlet.numerics.linalg import Analysis
@@ -208,7 +209,7 @@ class Laying:
         centred = mesh.vertices - mesh.vertices.mean(axis=0)
         unit = mesh.with_vertices(centred / max(np.abs(centred).max(initial=0.0), np.finfo(float).tiny))
         self.ascent = Ascent(unit, virtual, SphereOptions(weights="area"), attempt, recorder, self.goals.vertices)
-        self.n, self.under = mesh.n_vertices, np.zeros(mesh.n_vertices, np.int64)
+        self.mesh, self.n, self.under = mesh, mesh.n_vertices, np.zeros(mesh.n_vertices, np.int64)
 
     def run(self, options: EmbeddingOptions, start: Float[np.ndarray, "n 3"] | None) -> tuple[Float[np.ndarray, "n 3"], float]:
         """Points and energy."""
@@ -341,11 +342,11 @@ class Laying:
     def _polish(self, level: Level, options: EmbeddingOptions) -> float:
         """Rounds of sweeps and Newton against the target's surface; the energy in the source's own metric."""
         finest, goals, own = self.target.finest, self._local(np.arange(self.n), PULL), level.reference
-        evening = None
+        evening, likeness = None, Likeness.prepare(self.mesh, self.shares(level), self.target.map)
         for turn in range(options.rounds):
             self.recorder.progress += (1 - self.recorder.progress) / 3
             price = OWN if turn == 0 else LAST if turn == options.rounds - 1 else EVEN
-            problem = self._problem(level, finest, goals, price, evening)
+            problem = replace(self._problem(level, finest, goals, price, evening), likeness=likeness)
             iterations = min(options.iterations, EVEN_ITERATIONS) if turn else options.iterations
             note = partial(self.recorder.note, "polish, even" if turn else "polish")
             level.S = problem.newton(problem.sweep(level.S, SWEEPS), iterations, POLISH_TOLERANCE, note)

@@ -1,7 +1,8 @@
 """The last relaxation of a mesh laid into another's sphere: chord energy with a little metric energy, by two means in turn.
 
 Sweeps move one vertex at a time on the true energy, which is not smooth where images cross the target's edges. Newton moves all at
-once on its smoothed model, with steps that are shortened only around the triangles that would fold or get much worse.
+once on its smoothed model, with steps that are shortened only around the triangles that would fold or get much worse; they alone heed
+the likeness of relief.
 """
 
 from collections.abc import Callable
@@ -16,6 +17,7 @@ from morphlet.errors import SolveError
 from morphlet.mapping import chord, metric
 from morphlet.mapping.chord import TINY, Chord, Images, pair, stretch
 from morphlet.mapping.metric import Ground, Seats, Source, form, robust, under
+from morphlet.mapping.relief import Likeness
 from morphlet.numerics.compiled import inner_kernel, kernel
 from morphlet.numerics.optimize import DAMPING_PROJECTED
 from morphlet.sphere import energy
@@ -102,6 +104,10 @@ class Polish:
         How robust: excess distortion up to its square counts almost linearly.
     seats, images
         First guesses of the target's faces.
+    tau
+        The chord energy rises steeply below this area ratio.
+    likeness
+        Relief that images should share; None leaves it out.
     """
 
     level: Level
@@ -112,6 +118,7 @@ class Polish:
     seats: Seats
     images: Images
     tau: float = 0.5
+    likeness: Likeness | None = None
 
     def __post_init__(self) -> None:
         m = len(self.level.F)
@@ -130,7 +137,8 @@ class Polish:
         if not np.isfinite(total):
             return np.inf
         chord.locate(S, self.ground, self.rows, self.images)
-        return total + chord.value(self.chords, self.images, self.terms) + self.goals.value(S)
+        total += chord.value(self.chords, self.images, self.terms) + self.goals.value(S)
+        return total if self.likeness is None else total + self.likeness.value(S, self.images.face)
 
     def direction(self, S: Float[np.ndarray, "n 3"]) -> tuple[Float[np.ndarray, "n 3"], float]:
         """Newton direction at the S of the last `value`, as tangent vectors, and its slope."""
@@ -139,6 +147,8 @@ class Polish:
         g, H = metric.derivatives(S, T, self.metric, self.ground, self.seats, False)
         chord.add_derivatives(T, self.chords, self.images, self.terms, g, H)
         gradient, hessian = self.level.assembled(g, H)
+        if self.likeness is not None:
+            self.likeness.add((S, T), self.images.face, gradient, hessian, self.level.diagonal)
         diagonal = hessian[self.level.diagonal]
         self.goals.add(S, T, gradient, diagonal)
         hessian[self.level.diagonal] = (1 + DAMPING) * diagonal + DAMPING_PROJECTED * np.abs(diagonal).mean()
