@@ -3,7 +3,8 @@
     python benchmarks/motion.py [--data DIR] [--automatic] [--reference DIR] [--pictures DIR]
 
 Paths: volume against the straight line between the ends, rms of the log ratio of edge lengths to theirs, the ratio that 1 % of the
-edges fall below, each the worst of t = 0.25, 0.5, 0.75; crossing pairs of triangles at both ends and the most in between.
+edges fall below, each the worst of t = 0.25, 0.5, 0.75; crossing pairs of triangles at both ends and the most in between. Three
+pairs with bands that set out one after the other, coarse ones first: blended in space (wavelet), or turning with the faces (gradient).
 Transfer: times; how far poses come from those of a reference (`--reference`: a folder of `lion-01.obj` and so on, made by somebody
 else), in rms per bounding-box diagonal after translation; the same for a remeshed copy of the source, whose poses are known. Beside
 it the published system with a fourth vertex per face, for the same pairs, factored by scipy's SuperLU. `--automatic` pairs cat and
@@ -23,12 +24,13 @@ import numpy as np
 import scipy.sparse as sp
 from scipy.sparse.linalg import splu
 
-from morphlet import Mesh, VertexPairs, correspond, read, read_pairs
+from morphlet import Mesh, VertexPairs, correspond, read, read_pairs, spherical_map, wavelet_bands
 from morphlet.metrics import edge_lengths
 from morphlet.motion.face_pairs import FacePairs, pair_faces
+from morphlet.motion.mixture import Mixture
 from morphlet.motion.morph import PATHS, Morph
 from morphlet.motion.registration import register
-from morphlet.motion.trajectory import Trajectory
+from morphlet.motion.schedule import Schedule
 from morphlet.motion.transfer import TransferSolver
 from morphlet.report.look import Look
 from morphlet.report.render import render
@@ -38,6 +40,8 @@ from morphlet.samples.poses import POSES
 from morphlet.surface.intersections import self_intersections
 
 TIMES = (0.25, 0.5, 0.75)
+DURATIONS = (0.5, 0.9)
+"""Of each band, coarse ones first."""
 HORSES, CATS = range(1, 11), range(1, 6)
 Poses = list[tuple[str, Mesh]]
 
@@ -96,8 +100,29 @@ def paths(source: Mesh, poses: Poses) -> Iterator[list[str]]:
             _, setup = cpu(lambda morph=morph: morph(0.5))
             timed = [cpu(lambda morph=morph, t=t: morph(t)) for t in TIMES]
             figures = quality(source, source.with_vertices(pose.vertices), [frame for frame, _ in timed])
-            end = np.abs(Trajectory.prepare(source, pose.vertices)(1.0) - pose.vertices).max() if path == "gradient" else 0.0
+            end = end_gap(source, pose.vertices) if path == "gradient" else 0.0
             yield [name, path, *figures, f"{setup:.2f}", f"{1e3 * np.median([s for _, s in timed]):.1f}", f"{end:.0e}"]
+
+
+def end_gap(source: Mesh, target: np.ndarray) -> float:
+    """How far the end of a gradient path is from the target before it is put there."""
+    mixture = Mixture.prepare(source, np.stack([source.vertices, target]))
+    return float(np.abs(mixture(np.array([[0.0], [1.0]])) - target).max())
+
+
+def resolutions(source: Mesh, poses: Poses) -> Iterator[list[str]]:
+    """A row per pose, schedule and path for bands with times of their own."""
+    mapped = spherical_map(source)
+    for name, pose in poses:
+        bands, fitted = cpu(lambda pose=pose: wavelet_bands(mapped, pose.vertices))
+        for duration in DURATIONS:
+            for path in PATHS[:0:-1]:
+                morph = Morph(source, pose.vertices, path, bands, Schedule.coarse_first(len(bands), duration))
+                _, setup = cpu(lambda morph=morph: morph(0.5))
+                timed = [cpu(lambda morph=morph, t=t: morph(t)) for t in TIMES]
+                figures = quality(source, source.with_vertices(pose.vertices), [frame for frame, _ in timed])
+                pace = f"{1e3 * np.median([s for _, s in timed]):.1f}"
+                yield [name, f"{path}, bands of {duration:g}", *figures, f"{fitted + setup:.2f}", pace, ""]
 
 
 def sides(mesh: Mesh) -> np.ndarray:
@@ -189,7 +214,8 @@ def public(data: Path, chosen: argparse.Namespace) -> None:
     """Everything on public meshes."""
     horse, cat, lion, camel = (read(data / "meshes" / f"{name}.obj") for name in ("horse", "cat", "lion", "camel"))
     horses, cats = poses_of(data, "horse", HORSES), poses_of(data, "cat", CATS)
-    show_paths([*paths(horse, horses), *paths(cat, cats)])
+    banded = [*resolutions(horse, horses[4:5]), *resolutions(cat, [cats[0], cats[2]])]
+    show_paths([*paths(horse, horses), *paths(cat, cats), *banded])
     known = {}
     if chosen.reference is not None:
         files = {key: chosen.reference / f"{key.replace('cat', 'lion')}.obj" for key, _ in cats}

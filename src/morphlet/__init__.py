@@ -11,6 +11,17 @@ if TYPE_CHECKING:
     from morphlet.approximation.surface import ApproximationOptions as ApproximationOptions
     from morphlet.approximation.surface import SurfaceApproximation as SurfaceApproximation
     from morphlet.approximation.surface import approximate as approximate
+    from morphlet.codec.container import CodecError as CodecError
+    from morphlet.codec.container import Limits as Limits
+    from morphlet.codec.sequence import CodecOptions as CodecOptions
+    from morphlet.codec.sequence import Decoded as Decoded
+    from morphlet.codec.sequence import Encoded as Encoded
+    from morphlet.codec.sequence import EncodeReport as EncodeReport
+    from morphlet.codec.sequence import FrameEncoder as FrameEncoder
+    from morphlet.codec.sequence import decode as decode
+    from morphlet.codec.sequence import decode_part as decode_part
+    from morphlet.codec.sequence import decode_stream as decode_stream
+    from morphlet.codec.sequence import encode as encode
     from morphlet.editing.arap import Arap as Arap
     from morphlet.editing.detail import Multiresolution as Multiresolution
     from morphlet.editing.editor import RoiEditor as RoiEditor
@@ -47,8 +58,12 @@ if TYPE_CHECKING:
     from morphlet.io.formats import write as write
     from morphlet.io.pairs import read_pairs as read_pairs
     from morphlet.io.pairs import write_pairs as write_pairs
+    from morphlet.io.sequences import Poses as Poses
+    from morphlet.io.sequences import read_poses as read_poses
+    from morphlet.io.sequences import read_sequence as read_sequence
     from morphlet.io.sequences import write_animation as write_animation
     from morphlet.io.sequences import write_sequence as write_sequence
+    from morphlet.io.video import write_video as write_video
     from morphlet.mapping.alignment import Alignment as Alignment
     from morphlet.mapping.correspondence import Correspondence as Correspondence
     from morphlet.mapping.correspondence import confidence as confidence
@@ -67,11 +82,17 @@ if TYPE_CHECKING:
     from morphlet.metrics import compare as compare
     from morphlet.motion.bands import Bands as Bands
     from morphlet.motion.bands import wavelet_bands as wavelet_bands
+    from morphlet.motion.blend import Blend as Blend
+    from morphlet.motion.delay import sweep as sweep
     from morphlet.motion.face_pairs import FacePairs as FacePairs
     from morphlet.motion.face_pairs import pair_faces as pair_faces
+    from morphlet.motion.measures import Measures as Measures
+    from morphlet.motion.measures import measure as measure
     from morphlet.motion.morph import Morph as Morph
+    from morphlet.motion.pins import Pins as Pins
     from morphlet.motion.registration import register as register
     from morphlet.motion.schedule import Schedule as Schedule
+    from morphlet.motion.tour import Tour as Tour
     from morphlet.motion.transfer import Anchor as Anchor
     from morphlet.motion.transfer import TransferSolver as TransferSolver
     from morphlet.motion.transfer import transfer as transfer
@@ -87,6 +108,7 @@ if TYPE_CHECKING:
     from morphlet.placed import PlacedResult as PlacedResult
     from morphlet.placed import correspond_places as correspond_places
     from morphlet.placed import correspond_places_maps as correspond_places_maps
+    from morphlet.report.film import film as film
     from morphlet.report.render import Picture as Picture
     from morphlet.report.render import render as render
     from morphlet.samples.catalogue import fetch as fetch
@@ -144,6 +166,8 @@ __version__ = "0.1.0"
 _HOMES = {
     "morphlet.approximation.rows": "RowApproximation RowOptions approximate_by_rows approximate_rows",
     "morphlet.approximation.surface": "ApproximationOptions SurfaceApproximation approximate",
+    "morphlet.codec.container": "CodecError Limits",
+    "morphlet.codec.sequence": "CodecOptions Decoded EncodeReport Encoded FrameEncoder decode decode_part decode_stream encode",
     "morphlet.editing.arap": "Arap",
     "morphlet.editing.detail": "Multiresolution",
     "morphlet.editing.editor": "RoiEditor edit",
@@ -161,7 +185,8 @@ _HOMES = {
     "morphlet.features.regions": "RegionOptions Regions find_regions",
     "morphlet.io.formats": "read rewrite write",
     "morphlet.io.pairs": "read_pairs write_pairs",
-    "morphlet.io.sequences": "write_animation write_sequence",
+    "morphlet.io.sequences": "Poses read_poses read_sequence write_animation write_sequence",
+    "morphlet.io.video": "write_video",
     "morphlet.mapping.alignment": "Alignment",
     "morphlet.mapping.correspondence": "Correspondence confidence doubtful_pairs",
     "morphlet.mapping.differential": "laplacian_warp reconstruct",
@@ -171,14 +196,20 @@ _HOMES = {
     "morphlet.mapping.warp": "Warp warp_by_pairs",
     "morphlet.metrics": "compare",
     "morphlet.motion.bands": "Bands wavelet_bands",
+    "morphlet.motion.blend": "Blend",
+    "morphlet.motion.delay": "sweep",
     "morphlet.motion.face_pairs": "FacePairs pair_faces",
+    "morphlet.motion.measures": "Measures measure",
     "morphlet.motion.morph": "Morph",
+    "morphlet.motion.pins": "Pins",
     "morphlet.motion.registration": "register",
     "morphlet.motion.schedule": "Schedule",
+    "morphlet.motion.tour": "Tour",
     "morphlet.motion.transfer": "Anchor TransferSolver transfer",
     "morphlet.numerics.optimize": "Step Trace",
     "morphlet.pipeline": "Candidate CorrespondResult MorphResult correspond correspond_maps morph morph_along",
     "morphlet.placed": "PlacedResult correspond_places correspond_places_maps",
+    "morphlet.report.film": "film",
     "morphlet.report.render": "Picture render",
     "morphlet.samples.catalogue": "fetch",
     "morphlet.samples.creatures": "Creature creature landmarks sample",

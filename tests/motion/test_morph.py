@@ -63,6 +63,10 @@ def test_bad_arguments_are_refused():
         Morph(BALL, BALL.vertices, "teleport")
     with pytest.raises(InputError, match="target_positions of shape"):
         Morph(BALL, BALL.vertices[1:])
+    with pytest.raises(InputError, match="finite numbers in target_positions"):
+        Morph(BALL, np.where(np.arange(42)[:, None] == 3, np.nan, BALL.vertices))
+    with pytest.raises(InputError, match="target_positions of shape"):
+        Morph(BALL, Mesh(*icosphere(2)).vertices)
     with pytest.raises(InputError, match="at least 2 frames"):
         Morph(BALL, BALL.vertices).frames(1)
 

@@ -60,9 +60,10 @@ class Bands:
     def __repr__(self) -> str:
         return f"Bands({len(self)} of {self.source.shape[1]} vertices)"
 
-    def blend(self, shares: Float[np.ndarray, "b"]) -> Float[np.ndarray, "n 3"]:
-        """Positions where each band has gone this share of its way from source to target."""
-        return np.einsum("b,bnd->nd", 1 - shares, self.source) + np.einsum("b,bnd->nd", shares, self.target)
+    def blend(self, shares: Float[np.ndarray, "b *n"]) -> Float[np.ndarray, "n 3"]:
+        """Positions where each band has gone this share of its way from source to target, everywhere or at each vertex."""
+        columns = shares.reshape(len(self), -1)
+        return np.einsum("bn,bnd->nd", 1 - columns, self.source) + np.einsum("bn,bnd->nd", columns, self.target)
 
 
 def wavelet_bands(

@@ -12,22 +12,24 @@ from jaxtyping import Float
 
 from morphlet import _arrays
 from morphlet.errors import InputError
-from morphlet.metrics import edge_lengths, signed_percent
+from morphlet.motion.banded import BandedMixture
 from morphlet.motion.bands import Bands
+from morphlet.motion.delay import local_times
+from morphlet.motion.measures import edge_log_ratios, volume_changes
+from morphlet.motion.mixture import Mixture
 from morphlet.motion.schedule import Schedule
-from morphlet.motion.trajectory import Trajectory
 from morphlet.surface.intersections import self_intersections
 from morphlet.surface.mesh import Mesh
 from morphlet.surface.sequence import MeshSequence
 
 MorphPath = Literal["linear", "gradient", "wavelet"]
 """How vertices travel: "linear" moves each on a straight line at constant speed (paper, section 7.2); "gradient" turns and
-stretches the faces and puts the vertices where these fit together best (see `trajectory`); "wavelet" moves each resolution at
+stretches the faces and puts the vertices where these fit together best (see `mixture`); "wavelet" moves each resolution at
 its own time (paper, section 7.2: "starting time and speed at various resolutions")."""
 PATHS: tuple[MorphPath, ...] = ("linear", "gradient", "wavelet")
+"""The paths there are."""
 SUM_TOLERANCE = 1e-9
 """How far bands may be from the positions that they add up to, relative to the largest coordinate."""
-"""The paths there are."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -43,20 +45,25 @@ class Morph:
     path
         How they get there.
     bands
-        For the path "wavelet": source and target by resolution, as `wavelet_bands` makes them.
+        For the path "wavelet": source and target by resolution, as `wavelet_bands` makes them. For the path "gradient" too, if
+        resolutions are to have times of their own: then finer parts turn with the faces instead of keeping their directions.
     schedule
-        For the path "wavelet": when each band moves; coarse ones first if left out.
+        When each band moves; coarse ones first if left out.
+    delay
+        How much later than the first each vertex sets out, as a share of the whole time: from 0, less than 1, as `sweep` makes it.
+        All at once if left out.
 
     Raises
     ------
     InputError
-        If there is not one finite target position per vertex, no such path, or bands and schedule do not go with the path or
-        with each other.
+        If there is not one finite target position per vertex, no such path, bands and schedule do not go with the path or
+        with each other, or a delay is out of range.
 
     Notes
     -----
-    The first frame of a "gradient" path factors a sparse system, which the morph keeps: 0.2 CPU s for 8k vertices, later frames
-    12 ms. Frames of the way back, from the target to the source, are close to these but not the same.
+    The first frame of a "gradient" path factors a sparse system, which the morph keeps: 0.3 CPU s for 8k vertices, later frames
+    15 ms. Frames of the way back, from the target to the source, are close to these but not the same. Frames of the others are
+    those of the way there, if bands and delays are mirrored.
 
     Examples
     --------
@@ -72,19 +79,25 @@ class Morph:
     path: MorphPath = "linear"
     bands: Bands | None = None
     schedule: Schedule | None = None
+    delay: Float[np.ndarray, "n"] | None = None
 
     def __post_init__(self) -> None:
         target = _arrays.real(self.target_positions, "target_positions", (self.source.n_vertices, 3))
         if self.path not in PATHS:
             raise InputError(f"a path out of {', '.join(PATHS)}", f"'{self.path}'", "choose one of these")
         object.__setattr__(self, "target_positions", target)
-        if self.path == "wavelet":
+        if self.path == "linear" and (self.bands is not None or self.schedule is not None):
+            raise InputError(
+                'the path "wavelet" or "gradient" for bands and a schedule', "'linear'", "leave them out, or choose such a path"
+            )
+        if self.path == "wavelet" or self.bands is not None or self.schedule is not None:
             object.__setattr__(self, "schedule", _fitting(self.source, target, self.bands, self.schedule))
-        elif self.bands is not None or self.schedule is not None:
-            raise InputError('the path "wavelet" for bands and a schedule', f"'{self.path}'", "leave them out, or choose this path")
+        if self.delay is not None:
+            object.__setattr__(self, "delay", _delays(self.delay, self.source.n_vertices))
 
     def __reduce__(self) -> tuple[Any, ...]:
-        return Morph, (self.source, np.array(self.target_positions), self.path, self.bands, self.schedule)
+        delay = None if self.delay is None else np.array(self.delay)
+        return Morph, (self.source, np.array(self.target_positions), self.path, self.bands, self.schedule, delay)
 
     def __call__(self, t: float) -> Mesh:
         """The mesh at time t.
@@ -110,26 +123,36 @@ class Morph:
         return MeshSequence(self.source.topology, np.stack([self._positions(t) for t in times]), times)
 
     @cached_property
-    def _trajectory(self) -> Trajectory:
+    def _mixture(self) -> Mixture:
         """The prepared "gradient" path."""
-        return Trajectory.prepare(self.source, self.target_positions)
+        return Mixture.prepare(self.source, np.stack([self.source.vertices, self.target_positions]))
+
+    @cached_property
+    def _banded_path(self) -> BandedMixture | None:
+        """The prepared "gradient" path of bands."""
+        return None if self.bands is None or self.path == "wavelet" else BandedMixture.prepare(self._mixture, self.bands)
 
     def _positions(self, t: float) -> Float[np.ndarray, "n 3"]:
         """Positions at time t; the ends themselves, not a sum that rounds."""
         if not 0 <= t <= 1:
             raise InputError("a time from 0 to 1", str(t), "scale your times")
         ends = {0.0: self.source.vertices, 1.0: self.target_positions}
-        if t in ends:
-            return ends[t]
-        if self.bands is not None and self.schedule is not None:
-            return self.bands.blend(self.schedule(t))
-        return self._trajectory(t) if self.path == "gradient" else (1 - t) * self.source.vertices + t * self.target_positions
+        return ends[t] if t in ends else self._between(np.array([t]) if self.delay is None else local_times(t, self.delay))
+
+    def _between(self, times: Float[np.ndarray, "q"]) -> Float[np.ndarray, "n 3"]:
+        """Positions at a time of all vertices, or of each."""
+        if self.path == "linear":
+            return (1 - times)[:, None] * self.source.vertices + times[:, None] * self.target_positions
+        if self.bands is None or self.schedule is None:
+            return self._mixture(np.stack([1 - times, times]))
+        shares = self.schedule(times)
+        return self.bands.blend(shares) if self._banded_path is None else self._banded_path(shares)
 
 
 def _fitting(source: Mesh, target: Float[np.ndarray, "n 3"], bands: Bands | None, schedule: Schedule | None) -> Schedule:
     """The schedule, if the bands are those of the two ends and there is one entry for each."""
     if bands is None:
-        raise InputError('bands for the path "wavelet"', "none", "make them with wavelet_bands")
+        raise InputError('bands, for the path "wavelet" and for a schedule', "none", "make them with wavelet_bands")
     for name, parts, whole in (("source", bands.source, source.vertices), ("target", bands.target, target)):
         if parts.shape[1:] != whole.shape:
             raise InputError(f"bands of {len(whole)} vertices", f"bands of {parts.shape[1]}", "make them for this mesh")
@@ -140,6 +163,16 @@ def _fitting(source: Mesh, target: Float[np.ndarray, "n 3"], bands: Bands | None
     if len(chosen) != len(bands):
         raise InputError(f"a schedule for {len(bands)} bands", f"one for {len(chosen)}", f"pass schedule.over({len(bands)})")
     return chosen
+
+
+def _delays(delay: Float[np.ndarray, "n"], n: int) -> Float[np.ndarray, "n"]:
+    """The checked delays."""
+    checked = _arrays.real(delay, "delay", (n,))
+    wrong = np.flatnonzero((checked < 0) | (checked >= 1))
+    if len(wrong):
+        found = f"{len(wrong)} that are not, such as {checked[wrong[0]]:g}"
+        raise InputError("delays of at least 0 and less than 1", found, "scale them, or make them with sweep", wrong)
+    return checked
 
 
 def volume_change_max(sequence: MeshSequence) -> float:
@@ -153,9 +186,7 @@ def volume_change_max(sequence: MeshSequence) -> float:
     >>> round(volume_change_max(Morph(tetrahedron, 3 * tetrahedron.vertices).frames(3)), 6)  # 8 against (1 + 27) / 2
     -42.857143
     """
-    volumes = np.array([sequence[k].volume for k in range(len(sequence))])
-    changes = [signed_percent(v, r) for v, r in zip(volumes, _between(volumes, sequence.times), strict=True)]
-    return max(changes, key=abs)
+    return float(max(volume_changes(sequence), key=abs))
 
 
 def edge_log_rms_max(sequence: MeshSequence) -> float:
@@ -170,13 +201,8 @@ def edge_log_rms_max(sequence: MeshSequence) -> float:
     >>> round(edge_log_rms_max(Morph(triangle, triangle.vertices * 3).frames(5)), 12)
     0.0
     """
-    lengths = np.stack([edge_lengths(sequence[k]) for k in range(len(sequence))])
-    reference = _between(lengths, sequence.times)
-    measurable = np.all(lengths > 0, axis=0)
-    if not measurable.any():
-        return 0.0
-    logs = np.log(lengths[:, measurable] / reference[:, measurable])
-    return float(np.sqrt(np.mean(logs**2, axis=1)).max())
+    logs = edge_log_ratios(sequence)
+    return float(np.sqrt(np.mean(logs**2, axis=1)).max()) if logs.size else 0.0
 
 
 def self_intersections_max(sequence: MeshSequence) -> int:
@@ -195,9 +221,3 @@ def self_intersections_max(sequence: MeshSequence) -> int:
     1
     """
     return max(len(self_intersections(sequence[k])) for k in range(len(sequence)))
-
-
-def _between(values: Float[np.ndarray, "t *d"], times: Float[np.ndarray, "t"]) -> Float[np.ndarray, "t *d"]:
-    """The straight line from the first row to the last, at the given times."""
-    share = ((times - times[0]) / (times[-1] - times[0])).reshape(-1, *([1] * (values.ndim - 1)))
-    return (1 - share) * values[0] + share * values[-1]

@@ -28,22 +28,33 @@ ROUNDING = 1e-9
 """How far start + duration may exceed 1."""
 
 
-def _linear(u: float) -> float:
+def _linear(u: Any) -> Any:
     """Constant speed."""
     return u
 
 
-def _smoothstep(u: float) -> float:
+def _smoothstep(u: Any) -> Any:
     """Continuous speed."""
     return u * u * (3 - 2 * u)
 
 
-def _smootherstep(u: float) -> float:
+def _smootherstep(u: Any) -> Any:
     """Continuous acceleration."""
     return u**3 * (u * (6 * u - 15) + 10)
 
 
-_CURVES: dict[Easing, Callable[[float], float]] = {"linear": _linear, "smoothstep": _smoothstep, "smootherstep": _smootherstep}
+_CURVES: dict[Easing, Callable[[Any], Any]] = {"linear": _linear, "smoothstep": _smoothstep, "smootherstep": _smootherstep}
+
+
+def eased(easing: Easing, u: float | np.ndarray) -> Any:
+    """Shares of the way for shares of the time.
+
+    Examples
+    --------
+    >>> eased("smoothstep", np.array([0.0, 0.25, 1.0]))
+    array([0.     , 0.15625, 1.     ])
+    """
+    return _CURVES[easing](u)
 
 
 @dataclass(frozen=True, eq=False)
@@ -102,10 +113,11 @@ class Schedule:
         spans = (f"{s:g}-{s + d:g} {e}" for s, d, e in zip(self.start, self.duration, self.easing, strict=True))
         return f"Schedule({', '.join(spans)})"
 
-    def __call__(self, t: float) -> Float[np.ndarray, "b"]:
-        """The share of its way that each band has gone at time t."""
-        u = np.clip((t - self.start) / self.duration, 0.0, 1.0)
-        return np.stack([_CURVES[name](x) for name, x in zip(self.easing, u, strict=True)])
+    def __call__(self, t: float | Float[np.ndarray, "n"]) -> Float[np.ndarray, "b *n"]:
+        """The share of its way that each band has gone at time t, or at each of several times."""
+        late = np.subtract.outer(np.asarray(t, np.float64), self.start) / self.duration
+        u = np.moveaxis(np.clip(late, 0.0, 1.0), -1, 0)
+        return np.stack([eased(name, x) for name, x in zip(self.easing, u, strict=True)])
 
     @staticmethod
     def together(bands: int, easing: Easing = "linear") -> "Schedule":

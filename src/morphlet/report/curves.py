@@ -1,4 +1,4 @@
-"""Curves on axes: trade-offs, convergence, rates."""
+"""Curves on axes: trade-offs, convergence, rates, coordinates."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -23,6 +23,10 @@ COLORS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#00
 """Colours that people of every colour vision can tell apart (Okabe and Ito)."""
 MARKERS = "os^Dv<>"
 """A second way to tell curves apart."""
+TALL = (720, 720)
+"""Size of three plots, one below the other, in pixels."""
+WIDTH, THIN = 1.6, 0.7
+"""Of curves, in points; thin ones run up and down too often for more."""
 MARKED = 40
 """Curves of more points than this are drawn without markers."""
 
@@ -77,11 +81,52 @@ def curve_picture(curves: Mapping[str, Float[np.ndarray, "k 2"]], x: Axis, y: Ax
     return Picture(canvas.pixels(figure), "matplotlib", "curves need no other")
 
 
-def _draw(drawn: "Axes", curves: Mapping[str, Float[np.ndarray, "k 2"]]) -> None:
+def coordinate_picture(original: Float[np.ndarray, "n 3"], deformed: Float[np.ndarray, "n 3"], size: tuple[int, int] = TALL) -> Picture:
+    """x, y and z of an object before and after, over the number of the vertex: the paper's Figure 12.
+
+    Parameters
+    ----------
+    original, deformed
+        Positions of the same vertices.
+    size
+        Width and height, in pixels.
+
+    Returns
+    -------
+    Picture
+        Three plots, one below the other.
+
+    Raises
+    ------
+    InputError
+        If the shapes differ, or there is no vertex.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from morphlet.report.curves import coordinate_picture
+    >>> coordinate_picture(np.zeros((9, 3)), np.ones((9, 3)), (300, 400)).pixels.shape
+    (400, 300, 3)
+    """
+    before = _arrays.real(original, "original", (None, 3))
+    after = _arrays.real(deformed, "deformed", before.shape)
+    if not len(before):
+        raise InputError("at least one vertex", "none", "pass the positions of a mesh")
+    figure = canvas.sheet(*size)
+    left, top, right, bottom = ROOM
+    number, step = np.arange(len(before)), (size[1] - bottom) / 3
+    for k, name in enumerate("xyz"):
+        drawn = canvas.axes(figure, canvas.Box(left, top + k * step, size[0] - left - right, step - 1.5 * top))
+        _draw(drawn, {shape: np.stack([number, x[:, k]], axis=1) for shape, x in (("original", before), ("deformed", after))}, THIN)
+        drawn.set(ylabel=name, xlim=(0, max(len(before) - 1, 1)), xlabel="vertex" if k == 2 else "")
+    return Picture(canvas.pixels(figure), "matplotlib", "curves need no other")
+
+
+def _draw(drawn: "Axes", curves: Mapping[str, Float[np.ndarray, "k 2"]], width: float = WIDTH) -> None:
     """All curves, a light grid, and a legend where there is more than one."""
     for number, (name, points) in enumerate(curves.items()):
         marker = MARKERS[number % len(MARKERS)] if len(points) <= MARKED else ""
-        drawn.plot(*points.T, color=COLORS[number % len(COLORS)], marker=marker, markersize=5, linewidth=1.6, label=name)
+        drawn.plot(*points.T, color=COLORS[number % len(COLORS)], marker=marker, markersize=5, linewidth=width, label=name)
     drawn.grid(color="#dddddd", linewidth=0.6)
     drawn.set_axisbelow(True)
     if len(curves) > 1:
