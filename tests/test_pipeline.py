@@ -215,6 +215,28 @@ def test_a_schedule_is_spread_over_the_bands():
     assert (late.morph.schedule.start[0], late.morph.schedule.start[-1]) == (0.6, 0.5)
 
 
+@pytest.mark.parametrize("path", ["gradient", "linear", "wavelet"])
+def test_a_morph_sweeps_over_the_surface(path):
+    matched = correspond_maps(radial_map(blob(2)), radial_map(blob(2, scale=2)), EVERY_SMALL)
+    first = int(np.argmax(blob(2).vertices[:, 2]))
+    result = morph_along(matched, 5, path, starts=np.array([first]))
+    away = result.morph.delay
+    last = int(np.argmax(away))
+    assert (away[first], away[last]) == (0, 0.5)
+    moved = np.linalg.norm(result.frames.positions - result.frames.positions[0], axis=2)
+    assert moved[2, first] > (0.75 if path == "gradient" else 0.99) * moved[4, first]  # neighbours hold it back
+    assert moved[2, last] < 0.1 * moved[4, last] or path == "gradient"  # or bring it along
+    np.testing.assert_array_equal(result.frames.positions[4], matched.correspondence.positions)
+
+
+def test_details_may_turn_with_the_faces_at_times_of_their_own():
+    matched = correspond_maps(radial_map(blob(2)), radial_map(blob(2, scale=2)), EVERY_SMALL)
+    early = Schedule([0.0, 0.0], [0.5, 0.5], ("linear", "linear"))
+    result = morph_along(matched, 5, "gradient", early)
+    np.testing.assert_allclose(result.frames.positions[2], result.frames.positions[4], atol=1e-9)
+    assert np.abs(result.frames.positions[1] - result.frames.positions[4]).max() > 0.1
+
+
 def torn(mesh):
     """A soup of the mesh after a vertex in no face, without its last two faces; and the clean vertex behind each of its vertices."""
     kept = mesh.faces[:-2].ravel()
@@ -228,6 +250,8 @@ def test_no_seam_opens_on_the_way():
     pairs = VertexPairs(np.array([np.flatnonzero(origin == v)[-1] for v in EVERY_SMALL.source]), EVERY_SMALL.target)
     result = morph(soup, target, pairs, frames=5)
     assert result.frames.topology is soup.topology
+    swept = morph_along(result.matched, 3, "linear", starts=pairs.source[:1]).frames.positions[1, 1:]
+    assert all(np.ptp(swept[origin[1:] == v], axis=0).max() < 1e-9 for v in EVERY_SMALL.source)
     first = np.unique(origin[1:], return_index=True)[1]
     for moved in result.frames.positions:
         np.testing.assert_array_equal(moved[1:], moved[1:][first][origin[1:]])
@@ -272,8 +296,11 @@ def test_what_cannot_work_is_refused_before_the_work():
         morph(mesh, mesh, frames=1)
     with pytest.raises(InputError, match="a path out of linear, gradient, wavelet; found 'crooked'"):
         morph(mesh, mesh, path="crooked")
-    with pytest.raises(InputError, match='the path "wavelet" for a schedule'):
-        morph_along(correspond_maps(radial_map(mesh), radial_map(mesh), VertexPairs([0, 5, 9], [0, 5, 9])), schedule=Schedule.together(2))
+    matched = correspond_maps(radial_map(mesh), radial_map(mesh), VertexPairs([0, 5, 9], [0, 5, 9]))
+    with pytest.raises(InputError, match='the path "wavelet" or "gradient" for a schedule'):
+        morph_along(matched, path="linear", schedule=Schedule.together(2))
+    with pytest.raises(InputError, match="starts"):
+        morph_along(matched, starts=np.array([mesh.n_vertices]))
     with pytest.raises(InputError, match="target column"):
         correspond(mesh, mesh, VertexPairs([0, 1], [0, 999]))
 

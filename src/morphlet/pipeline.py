@@ -14,9 +14,9 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
-from jaxtyping import Bool, Int
+from jaxtyping import Bool, Float, Int
 
-from morphlet import metrics
+from morphlet import _arrays, metrics
 from morphlet.errors import InputError, MeshError
 from morphlet.features.matching import CORE_LABEL, FEWEST, Matching, candidates
 from morphlet.features.regions import find_regions
@@ -28,6 +28,7 @@ from morphlet.mapping.embedding import embed, sketch
 from morphlet.mapping.overlay import Overlay, overlay
 from morphlet.mapping.warp import warp_by_pairs
 from morphlet.motion.bands import wavelet_bands
+from morphlet.motion.delay import sweep
 from morphlet.motion.morph import PATHS, Morph, MorphPath, edge_log_rms_max, self_intersections_max, volume_change_max
 from morphlet.motion.schedule import Schedule
 from morphlet.numerics.optimize import OnStep
@@ -35,7 +36,7 @@ from morphlet.sphere.map import SphericalMap, spherical_map
 from morphlet.surface.mesh import Mesh, Topology
 from morphlet.surface.pairs import VertexPairs
 from morphlet.surface.points import SurfacePoints
-from morphlet.surface.repair import Repaired
+from morphlet.surface.repair import Repaired, close
 from morphlet.surface.sequence import MeshSequence
 
 Figures = dict[str, float | int | bool | None]
@@ -482,7 +483,13 @@ def morph(
     return morph_along(correspond(source, target, pairs, on_step), frames, path)
 
 
-def morph_along(matched: CorrespondResult, frames: int = 24, path: MorphPath = "gradient", schedule: Schedule | None = None) -> MorphResult:
+def morph_along(
+    matched: CorrespondResult,
+    frames: int = 24,
+    path: MorphPath = "gradient",
+    schedule: Schedule | None = None,
+    starts: Int[np.ndarray, "s"] | None = None,
+) -> MorphResult:
     """The morph along a correspondence that is at hand.
 
     Parameters
@@ -492,12 +499,15 @@ def morph_along(matched: CorrespondResult, frames: int = 24, path: MorphPath = "
     frames, path
         As for `morph`.
     schedule
-        For the path "wavelet": when each resolution moves, from coarse to fine, spread over as many as there are.
+        For the paths "wavelet" and "gradient": when each resolution moves, from coarse to fine, spread over as many as there are. On
+        the path "gradient" details turn with the faces that carry them.
+    starts
+        Vertices of the source from which the morph sweeps over the surface, as with `sweep`; all set out at once if left out.
 
     Raises
     ------
     InputError
-        If there are fewer than 2 frames, there is no such path, or it takes no schedule.
+        If there are fewer than 2 frames, there is no such path or vertex, or the path takes no schedule.
 
     Examples
     --------
@@ -510,12 +520,10 @@ def morph_along(matched: CorrespondResult, frames: int = 24, path: MorphPath = "
     0.0
     """
     _require_travel(frames, path, schedule)
-    if path == "wavelet":
-        travel = _banded(matched, schedule)
-    elif path == "gradient" and matched.source_map.surface.repairs:
-        travel = Morph(matched.source_map.surface.mesh, matched.carried.vertices, path)  # or seams would open on the way
-    else:
-        travel = Morph(matched.correspondence.source, matched.correspondence.positions, path)
+    mapped, positions = _ends(matched, path)
+    bands = wavelet_bands(mapped, positions) if path == "wavelet" or schedule is not None else None
+    spread = schedule.over(len(bands)) if schedule is not None and bands is not None else None
+    travel = Morph(mapped.mesh, positions, path, bands, spread, None if starts is None else _delay(matched, mapped, starts))
     return MorphResult(matched, travel, _as_in_source(matched, travel.frames(frames)))
 
 
@@ -525,15 +533,24 @@ def _require_travel(frames: int, path: MorphPath, schedule: Schedule | None) -> 
         raise InputError("at least 2 frames, the source and the target", str(frames), "ask for more frames")
     if path not in PATHS:
         raise InputError(f"a path out of {', '.join(PATHS)}", f"'{path}'", "choose one of these")
-    if schedule is not None and path != "wavelet":
-        raise InputError('the path "wavelet" for a schedule', f"'{path}'", "leave the schedule out, or choose this path")
+    if schedule is not None and path == "linear":
+        raise InputError('the path "wavelet" or "gradient" for a schedule', "'linear'", "leave the schedule out, or choose such a path")
 
 
-def _banded(matched: CorrespondResult, schedule: Schedule | None) -> Morph:
-    """Each resolution at its own time."""
-    source, positions = matched.correspondence.source, matched.correspondence.positions
-    bands = wavelet_bands(matched.source_map, positions)
-    return Morph(source, positions, "wavelet", bands, None if schedule is None else schedule.over(len(bands)))
+def _ends(matched: CorrespondResult, path: MorphPath) -> tuple[SphericalMap, Float[np.ndarray, "n 3"]]:
+    """The source and where its vertices go; closed where faces turn and stretch, or seams would open on the way."""
+    found = matched.source_map
+    if path != "gradient" or not found.surface.repairs:
+        return found, matched.correspondence.positions
+    return SphericalMap(close(found.surface.mesh), found.closed_points, found.trace), matched.carried.vertices
+
+
+def _delay(matched: CorrespondResult, mapped: SphericalMap, starts: Int[np.ndarray, "s"]) -> Float[np.ndarray, "n"]:
+    """How much later each vertex sets out; twins on a seam together."""
+    surface = matched.source_map.surface
+    chosen = _arrays.index(starts, "starts", (None,), surface.source.n_vertices)
+    delay = sweep(surface.mesh, surface.vertex_map[chosen])
+    return delay if mapped is not matched.source_map else delay[surface.vertex_map]
 
 
 def _as_in_source(matched: CorrespondResult, frames: MeshSequence) -> MeshSequence:

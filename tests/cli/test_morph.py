@@ -73,3 +73,20 @@ def test_the_animation_has_all_frames(capsys, tmp_path, no_drawing, ends):
     (animation,) = tree["animations"]
     assert tree["accessors"][animation["samplers"][0]["input"]]["count"] == 4
     assert tree["accessors"][animation["samplers"][0]["output"]]["count"] == 12
+
+
+def test_it_sweeps_over_the_surface_from_some_vertices(capsys, tmp_path, no_drawing, ends):
+    told(call(capsys, "morph", *ends, "--frames", 5, "--path", "linear", "--sweep", 3, "--sweep", 5), "morph", *KEYS)
+    way = [np.linalg.norm(frame(tmp_path, k) - frame(tmp_path, 0), axis=1) for k in (2, 4)]
+    share = way[0] / way[1]
+    np.testing.assert_allclose(share[[3, 5]], 1, atol=1e-6)
+    assert share.min() < 1e-6
+    answer = call(capsys, "morph", *ends, "--sweep", 162, "--force")
+    assert (answer.code, "starts" in answer.err) == (2, True)
+
+
+def test_details_turn_with_the_faces_at_times_of_their_own(capsys, tmp_path, no_drawing, ends):
+    Schedule([0.0, 0.0], [0.5, 0.5], ("linear", "smoothstep")).write(tmp_path / "early.toml")
+    result = told(call(capsys, "morph", *ends, "--frames", 3, "--schedule", tmp_path / "early.toml"), "morph", *KEYS)
+    assert result["path"] == "gradient"
+    np.testing.assert_allclose(frame(tmp_path, 1), frame(tmp_path, 2), atol=1e-6)

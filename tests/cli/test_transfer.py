@@ -115,6 +115,19 @@ def test_a_target_that_stands_otherwise_is_told(capsys, balls, degrees, told_of)
     assert answer.err.count("stands turned by 90 degrees against the reference") == told_of
 
 
+def test_pinned_vertices_keep_their_places_and_the_ground_holds(capsys, balls):
+    pairs = ("--pairs", balls / "pairs.csv")
+    told(call(capsys, *words(balls, "long.ply"), *pairs, "--pin", 5, "--pin", 40), "transfer")
+    found = read(balls / "out" / "long.ply").vertices
+    np.testing.assert_allclose(found[[5, 40]], read(balls / "rest.ply").vertices[[5, 40]], atol=1e-12)
+    assert np.abs(found - BALL.vertices).max() > 0.1
+    told(call(capsys, *words(balls, "long.ply"), *pairs, "--ground", "z", "--force"), "transfer")
+    grounded = read(balls / "out" / "long.ply").vertices
+    assert grounded[:, 2].min() == pytest.approx(BALL.vertices[:, 2].min(), abs=1e-6)
+    answer = call(capsys, *words(balls, "long.ply"), *pairs, "--pin", 162, "--force")
+    assert (answer.code, "--pin" in answer.err) == (2, True)
+
+
 def test_texture_coordinates_of_an_obj_stay(capsys, balls):
     corners = "".join(f"f {a}/1 {b}/2 {c}/3\n" for a, b, c in (BALL.faces + 1).tolist())
     lines = "usemtl skin\n" + "".join(f"v {x} {y} {z}\n" for x, y, z in BALL.vertices.tolist()) + "vt 0 0\nvt 1 0\nvt 0 1\n"

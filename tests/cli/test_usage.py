@@ -107,8 +107,10 @@ def test_common_numbers_out_of_range(capsys, option, value, match):
         (["sample", "blob", "-o", "{}/a.ply", "--vertices", "0"], "1500 to 100000 vertices; found 0"),
         (["fetch", "hores.obj"], "did you mean horse.obj"),
         (["warmup", "--picture", "{}/a.png"], "no --picture for warmup"),
-        (["morph", "a", "b", "-o", "{}/c", "--path", "linear", "--schedule", "s"], "--path wavelet for a --schedule; found --path linear"),
-        (["morph", "a", "b", "-o", "{}/c", "--schedule", "s.toml"], "--path wavelet for a --schedule; found --path gradient"),
+        (
+            ["morph", "a", "b", "-o", "{}/c", "--path", "linear", "--schedule", "s"],
+            "--path wavelet or gradient for a --schedule; found --path linear",
+        ),
         (["transfer", "a.ply", "-o", "{}/c", "--to", "b.ply"], "at least one pose; found none"),
         (["transfer", "a.ply", "p.ply", "q/p.obj", "-o", "{}/c", "--to", "b.ply"], "poses with different names; found p twice"),
     ],

@@ -39,7 +39,7 @@ def demo(*, output: Output = Path("morphlet-demo"), vertices: int | None = None,
         a, b, pairs = write_inputs(meshes, creatures.DEFAULT_VERTICES if vertices is None else vertices)
         matched = steps.matched(run, (a, b), pairs)
         run.say(f"mean distance to the known true places: {true_error(matched):.1f} % of sqrt(area)")
-        found = write_frames(run, matched, (FRAMES, "gradient", None), (output / "morph", morphed), (a, "ply"), film)
+        found = write_frames(run, matched, (FRAMES, "gradient", None, None), (output / "morph", morphed), (a, "ply"), film)
         run.say(f"\nLook at  {output / 'morph' / 'contact-sheet.png'}\nand open {output / 'morph' / 'report.html'}")
         return found
 

@@ -1,8 +1,11 @@
 """Verbs of motion: from shape to shape, and from body to body."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal
+from typing import TYPE_CHECKING, Annotated, Any, Literal
+
+from cyclopts import Parameter
 
 from morphlet.cli import steps
 from morphlet.cli.options import DEFAULTS, FILM, MENDING, Film, Mending, Output, Pairs
@@ -11,19 +14,36 @@ from morphlet.console import Common, Run, execute
 from morphlet.errors import InputError
 
 if TYPE_CHECKING:
+    import numpy as np
+
     from morphlet.motion.morph import MorphPath
     from morphlet.motion.schedule import Schedule
+    from morphlet.motion.transfer import Anchor
     from morphlet.pipeline import CorrespondResult
     from morphlet.surface.mesh import Mesh
     from morphlet.surface.repair import Repaired
     from morphlet.surface.sequence import MeshSequence
 
-    Travel = tuple[int, MorphPath, Schedule | None]
+    Travel = tuple[int, MorphPath, Schedule | None, np.ndarray | None]
 
 UNNAMEABLE = r"[^\w .+-]"
 """What a file's name had better not hold, and a morph target's may."""
 TURNED = 45.0
 """Degrees from which a target of a transfer is said to stand otherwise than its reference: half of the way to another axis."""
+
+
+@Parameter(name="*")
+@dataclass(frozen=True)
+class Stance:
+    """What of the target of a transfer stays where it is."""
+
+    pin: Annotated[tuple[int, ...], Parameter(negative=(), show_default=False)] = ()
+    """Vertices of the target that keep their places, such as feet; the rest follows smoothly."""
+    ground: Literal["x", "y", "z"] | None = None
+    """The axis that is up: the lowest vertex keeps its height. Otherwise the middle of the mesh keeps its place."""
+
+
+FREE = Stance()
 
 
 def morph(
@@ -36,6 +56,7 @@ def morph(
     frames: int = 24,
     path: Literal["gradient", "linear", "wavelet"] = "gradient",
     schedule: Path | None = None,
+    sweep: Annotated[tuple[int, ...], Parameter(negative=(), show_default=False)] = (),
     format: Literal["ply", "obj"] = "ply",
     film: Film = FILM,
     mending: Mending = MENDING,
@@ -59,18 +80,23 @@ def morph(
         How vertices travel: faces turn and stretch (gradient), straight lines (linear), or the coarse shape first and details later
         (wavelet).
     schedule
-        TOML file for --path wavelet that says when each resolution moves, from coarse to fine, as many as you like:
-        [[band]] start = 0.0, duration = 0.5, easing = "smoothstep" (or "linear", "smootherstep").
+        TOML file that says when each resolution moves, from coarse to fine, as many as you like: [[band]] start = 0.0, duration = 0.5,
+        easing = "smoothstep" (or "linear", "smootherstep"). On the gradient path details turn with the faces that carry them.
+    sweep
+        Vertices of A from which the morph sweeps over the surface; all of it sets out at once if left out.
     format
         File format of the frames.
     """
 
     def work(run: Run) -> dict[str, Any]:
+        with run.uncounted():
+            import numpy as np
+
         run.folder(output)
         promise_film(run, film)
         if frames < 2:
             raise InputError("at least 2 frames, the source and the target", str(frames), "ask for more frames")
-        travel = (frames, path, _schedule(schedule, path))
+        travel = (frames, path, _schedule(schedule, path), np.array(sweep, np.int64) if sweep else None)
         matched = steps.matched(run, (a, b), pairs, mending)
         return write_frames(run, matched, travel, (output, run.place(output)), (a, format), film)
 
@@ -84,7 +110,9 @@ def transfer(
     to: Path,
     output: Output,
     pairs: Pairs = None,
+    stance: Stance = FREE,
     film: Film = FILM,
+    mending: Mending = MENDING,
     common: Common = DEFAULTS,
 ) -> int:
     """Give another mesh the poses of a reference.
@@ -114,7 +142,7 @@ def transfer(
         format_by_ending(to)
         rest, ending = read(reference), to.suffix.lower()
         names, poses = _poses(rest, pose)
-        target, solved, figures = _transferred(run, (reference, to), poses, pairs)
+        target, solved, figures = _transferred(run, (reference, to), poses, (pairs, mending, stance))
         moved, rendered = steps.as_in_file(target, solved), prepare_rewrite(to, ending)
         run.place(output).mkdir(exist_ok=True)
         for k, name in enumerate(names):
@@ -127,13 +155,13 @@ def transfer(
 
 
 def _schedule(path: Path | None, travel: str) -> "Schedule | None":
-    """The schedule of a file, for the only path that has use for one."""
+    """The schedule of a file, for a path that has use for one."""
     from morphlet.motion.schedule import Schedule
 
     if path is None:
         return None
-    if travel != "wavelet":
-        raise InputError("--path wavelet for a --schedule", f"--path {travel}", "add --path wavelet, or leave the schedule out")
+    if travel == "linear":
+        raise InputError("--path wavelet or gradient for a --schedule", "--path linear", "choose such a path, or leave the schedule out")
     return Schedule.read(path)
 
 
@@ -198,7 +226,7 @@ def _poses(rest: "Mesh", paths: Sequence[Path]) -> "tuple[list[str], list[Mesh]]
 
 
 def _transferred(
-    run: Run, ends: tuple[Path, Path], poses: "list[Mesh]", pairs: Path | None
+    run: Run, ends: tuple[Path, Path], poses: "list[Mesh]", given: tuple[Path | None, Mending, Stance]
 ) -> "tuple[Repaired, MeshSequence, dict[str, Any]]":
     """The target without seams, in every pose, and what `transfer` tells of it."""
     with run.uncounted():
@@ -211,23 +239,25 @@ def _transferred(
         from morphlet.surface.sequence import MeshSequence
 
         _compile_transfer()
+    pairs, mending, stance = given
     if pairs is None:
         steps.warm(run)
     began = time.perf_counter()
     target = steps.welded(run, ends[1])
-    surface, laid, used, told = _laid(run, ends, target, pairs)
+    stand = _stand(target, stance)
+    surface, laid, used, told = _laid(run, ends, target, (pairs, mending))
     told = (*told, *_standing(run, surface.mesh, laid))
     run.stage("prepare")
     found = pair_faces(laid, target.mesh)
     own = surface.face_map[found.source]
     links = FacePairs(own[own >= 0], found.target[own >= 0])
-    solver = TransferSolver.prepare(surface.source, target.mesh, links)
+    solver = TransferSolver.prepare(surface.source, target.mesh, links, _anchor(stance))
     spent = [time.perf_counter() - began]
     run.stage("poses")
     solved = []
     for pose in poses:
         began = time.perf_counter()
-        solved.append(solver.solve(pose).vertices)
+        solved.append(stand(solver.solve(pose)).vertices)
         spent.append(time.perf_counter() - began)
     frames = MeshSequence(target.mesh.topology, np.stack(solved), np.arange(len(solved), dtype=float))
     times = {"prepare_seconds": spent[0], "pose_seconds": float(np.median(spent[1:]))}
@@ -235,18 +265,44 @@ def _transferred(
     return target, frames, times | {"pairs": used, "face_pairs": len(links), "warnings": told, "repairs": mended}
 
 
-def _laid(run: Run, ends: tuple[Path, Path], target: "Repaired", pairs: Path | None) -> "tuple[Repaired, Mesh, int, tuple[str, ...]]":
+def _anchor(stance: Stance) -> "Anchor":
+    """Where a pose is put as a whole."""
+    import numpy as np
+
+    from morphlet.motion.transfer import Anchor
+
+    return Anchor() if stance.ground is None else Anchor(up=np.eye(3)["xyz".index(stance.ground)])
+
+
+def _stand(target: "Repaired", stance: Stance) -> "Callable[[Mesh], Mesh]":
+    """What puts the pinned vertices of a pose back to where they are at rest; refused before the work if there are no such vertices."""
+    import numpy as np
+
+    from morphlet import _arrays
+    from morphlet.motion.pins import Pins
+
+    chosen = np.unique(target.vertex_map[_arrays.index(np.array(stance.pin, np.int64), "--pin", (None,), target.source.n_vertices)])
+    if not len(chosen):
+        return lambda pose: pose
+    pins = Pins.prepare(target.mesh, chosen)
+    return lambda pose: pins.hold(pose, target.mesh.vertices[chosen])
+
+
+def _laid(
+    run: Run, ends: tuple[Path, Path], target: "Repaired", given: tuple[Path | None, Mending]
+) -> "tuple[Repaired, Mesh, int, tuple[str, ...]]":
     """The reference as a surface, laid on the target; how many pairs were used; what is doubtful. By pairs, or through the spheres."""
+    pairs, mending = given
     if pairs is None:
-        matched = steps.matched(run, ends, None)
+        matched = steps.matched(run, ends, None, mending)
         return matched.source_map.surface, matched.carried, len(matched.pairs), matched.warnings
     with run.uncounted():
         from morphlet.motion.registration import register
 
     surface = steps.welded(run, ends[0])
-    given = steps.answered(pairs, (surface, target))
+    kept = steps.answered(pairs, (surface, target))
     run.stage("registration")
-    return surface, register(surface.mesh, target.mesh, steps.inside(given, (surface, target))), len(given), ()
+    return surface, register(surface.mesh, target.mesh, steps.inside(kept, (surface, target))), len(kept), ()
 
 
 def _standing(run: Run, reference: "Mesh", laid: "Mesh") -> tuple[str, ...]:
