@@ -85,7 +85,10 @@ def compile_edits() -> None:
             Arap(iterations=2, smoothing=0.01),
             Shell(iterations=2),
         ):
-            edited = RoiEditor.prepare(roi, method).solve(1.1 * ball.vertices[roi.handle])
+            editor = RoiEditor.prepare(roi, method)
+            edited = editor.solve(1.1 * ball.vertices[roi.handle])
+        larger = editor.with_handle(np.append(roi.handle, roi.free[:2]))
+        larger.solve(1.1 * ball.vertices[larger.roi.handle])
         self_intersections(edited)
         metrics.arap_energy(ball, edited)
     _mark(marker("edits"))
