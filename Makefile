@@ -3,13 +3,18 @@
 # make check   style, types, import floors
 # make bench   benchmarks, peers side by side where installed
 # make test-blender  what Blender reads and writes, with its Python module (some 1 GB, for the Python versions that it supports)
+# make studio  the page of the studio, from TypeScript; needs Node.js and npm, which nothing else does
+# make test-studio   that page in a real browser; what is not there (npm, Chromium) is said, and its tests are skipped
 # Nothing but Python >= 3.11 and make needs to be there. The test data are optional: MORPHLET_DATA=folder.
 PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
 DEMO := out/demo
+PAGE := src/morphlet/studio/static/index.html
+PAGE_SOURCES := $(shell find studio -path studio/node_modules -prune -o -type f -print)
+NO_NPM := no npm: the studio's page cannot be built (Node.js 20.19 or newer is needed)
 
-.PHONY: demo test check bench test-blender clean
+.PHONY: demo test check bench test-blender studio test-studio clean
 
 demo: $(VENV)/core
 	$(BIN)/morphlet demo -o $(DEMO) --force
@@ -29,6 +34,16 @@ bench: $(VENV)/bench
 test-blender: $(VENV)/test $(VENV)/blender/made
 	MORPHLET_BLENDER_PYTHON=$(VENV)/blender/bin/python $(BIN)/python -m pytest tests/motion/test_blender.py
 
+studio: $(PAGE)
+
+test-studio: $(VENV)/browser
+	@if command -v npm > /dev/null; then $(MAKE) studio; else echo "$(NO_NPM)"; fi
+	$(BIN)/python -m pytest -rs tests/studio_browser
+
+$(PAGE): $(PAGE_SOURCES)
+	@command -v npm > /dev/null || { echo "$(NO_NPM)" >&2; exit 1; }
+	cd studio && npm ci && npm run build
+
 $(VENV)/python:
 	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11))' || \
 	  { echo "morphlet needs Python 3.11 or newer: make PYTHON=/path/to/python3.11 ..." >&2; exit 1; }
@@ -41,6 +56,10 @@ $(VENV)/core: $(VENV)/python pyproject.toml
 
 $(VENV)/test: $(VENV)/python pyproject.toml
 	$(BIN)/python -m pip install --quiet -e '.[render,test,check]'
+	@touch $@
+
+$(VENV)/browser: $(VENV)/test
+	$(BIN)/python -m pip install --quiet -e '.[studio,test,browser]'
 	@touch $@
 
 # Blender is a program that tests talk to: it lives apart from the package.

@@ -17,6 +17,7 @@ from pathlib import Path
 import numpy as np
 
 from morphlet import metrics
+from morphlet.codec.sequence import CodecOptions, decode, encode
 from morphlet.editing.arap import Arap
 from morphlet.editing.editor import RoiEditor
 from morphlet.editing.linear import Laplacian
@@ -38,6 +39,7 @@ from morphlet.surface.mesh import Mesh
 from morphlet.surface.operators import laplacian, mass
 from morphlet.surface.pairs import VertexPairs
 from morphlet.surface.repair import close
+from morphlet.surface.sequence import MeshSequence
 from morphlet.wavenet.fit import FitOptions, fit_rows
 from morphlet.wavenet.library import dyadic_library
 from morphlet.wavenet.mothers import MOTHERS
@@ -50,7 +52,7 @@ COLLECT_AFTER = 200_000
 
 
 def marker(of: str = "kernels") -> Path:
-    """The file that says these versions' kernels are compiled: those of the main job, or "edits"."""
+    """The file that says these versions' kernels are compiled: those of the main job, "edits", or "codec"."""
     cache = os.environ.get("XDG_CACHE_HOME") or os.path.expanduser("~/.cache")
     newest = max(int(file.stat().st_mtime) for file in Path(__file__).parent.rglob("*.py"))
     return Path(cache) / "morphlet" / f"{of}-{version('morphlet')}-numba-{version('numba')}-{newest}"
@@ -92,6 +94,15 @@ def compile_edits() -> None:
         self_intersections(edited)
         metrics.arap_energy(ball, edited)
     _mark(marker("edits"))
+
+
+def compile_codec() -> None:
+    """Tell a ball and its poses, and read them back, which compiles and caches every kernel of the codec."""
+    ball = Mesh(*icosphere(LEVEL))
+    moves = MeshSequence(ball.topology, np.stack([ball.vertices * (1 + k / 8) for k in range(4)]), np.arange(4.0))
+    with _few_collections():
+        decode(encode(moves, options=CodecOptions(order="kept")).data)
+    _mark(marker("codec"))
 
 
 def _mark(done: Path) -> None:

@@ -10,7 +10,7 @@ from collections.abc import Sequence
 from cyclopts import App, CycloptsError, UnknownOptionError
 
 from morphlet import __version__
-from morphlet.cli import editing, features, house, maps, meshes, motion, networks, spheres
+from morphlet.cli import compression, editing, features, house, maps, meshes, motion, networks, spheres, window
 from morphlet.console import refuse
 
 VERBS = (
@@ -20,7 +20,8 @@ VERBS = (
     *(features.regions, features.match),
     *(maps.correspond, maps.carry),
     *(motion.morph, motion.transfer),
-    editing.deform,
+    *(editing.deform, window.studio),
+    *(compression.encode, compression.decode),
     *(house.demo, house.warmup),
 )
 

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 from cyclopts import Parameter
 
 from morphlet.cli import steps
-from morphlet.cli.options import DEFAULTS, MENDING, MESHES, Layout, Mending, Output
+from morphlet.cli.options import DEFAULTS, MENDING, MESHES, Layout, Mending, Output, length
 from morphlet.cli.pictures import draw_beside, draw_mesh
 from morphlet.console import Common, Run, execute
 from morphlet.errors import InputError, SolveError
@@ -131,12 +131,12 @@ def _over_rows(choices: Choices) -> "Approximator":
     height, rule = SIZE if choices.size is None else choices.size, RowOptions()
     most = choices.wavelets if choices.wavelets is not None else rule.n_wavelets if choices.error is None else ENOUGH
     mothers, kept = _mothers(choices.mothers) or rule.mothers, (choices.coordinates, choices.block_rows, choices.refinement)
-    options = RowOptions(most, _length(choices.error, 1.0), choices.method, mothers, *kept)
+    options = RowOptions(most, length(choices.error, 1.0), choices.method, mothers, *kept)
     directions(choices.layout, height)
     rows_of_blocks(height, choices.block_rows)
 
     def made(mapped: "SphericalMap", residual: bool) -> tuple[Any, dict[str, Any]]:
-        meant = replace(options, error=_length(choices.error, diagonal(mapped)))
+        meant = replace(options, error=length(choices.error, diagonal(mapped)))
         found = approximate_by_rows(mapped, height, choices.layout, meant)
         found = found.with_residual(mapped.mesh) if residual else found
         figures = found.figures(mapped) | {"size": height, "layout": choices.layout}
@@ -157,12 +157,12 @@ def _over_sphere(choices: Choices) -> "Approximator":
         needed = "no --size, --layout, --method, --coordinates, --block-rows or --refinement with --over sphere"
         raise InputError(needed, "one of them", "leave it out: there are no rows, and orthogonal least squares is the rule")
     most, chosen = WAVELETS if choices.wavelets is None else choices.wavelets, _mothers(choices.mothers) or DEFAULT.mothers
-    _length(choices.error, 1.0)
+    length(choices.error, 1.0)
 
     def made(mapped: "SphericalMap", residual: bool) -> tuple[Any, dict[str, Any]]:
-        length = _length(choices.error, diagonal(mapped))
-        found = approximate(mapped, mapped.mesh.vertices, most, ApproximationOptions(chosen, tolerance=length**2))
-        _require_met(float(np.sqrt(found.fit.sse[-1])), length, most)
+        reach = length(choices.error, diagonal(mapped))
+        found = approximate(mapped, mapped.mesh.vertices, most, ApproximationOptions(chosen, tolerance=reach**2))
+        _require_met(float(np.sqrt(found.fit.sse[-1])), reach, most)
         found = found.with_residual(mapped.mesh.vertices) if residual else found
         return found, found.figures(mapped)
 
@@ -174,16 +174,6 @@ def _mothers(names: str | None) -> "tuple[Mother, ...]":
     from morphlet.wavenet.mothers import mother
 
     return tuple(mother(name.strip()) for name in ([] if names is None else NEXT_MOTHER.split(names)))
-
-
-def _length(text: str | None, diagonal: float) -> float:
-    """A length in mesh units, or in percent of the bounding-box diagonal; 0 if there is none."""
-    if text is None:
-        return 0.0
-    try:
-        return float(text.removesuffix("%")) * (diagonal / 100 if text.endswith("%") else 1)
-    except ValueError as error:
-        raise InputError("a length like 0.01, or 0.1% of the bounding-box diagonal", repr(text), "give a number") from error
 
 
 def _require_met(worst: float, error: float, wavelets: int) -> None:

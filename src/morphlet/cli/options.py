@@ -7,6 +7,7 @@ from typing import Annotated, Literal
 from cyclopts import Parameter
 
 from morphlet.console import Common
+from morphlet.errors import InputError
 
 OUTPUT = Parameter(name=["--output", "-o"])
 Output = Annotated[Path, OUTPUT]
@@ -46,3 +47,13 @@ class Film:
 
 
 DEFAULTS, MENDING, FILM = Common(), Mending(), Film()
+
+
+def length(text: str | None, diagonal: float) -> float:
+    """A length in mesh units, or in percent of the bounding-box diagonal; 0 if there is none."""
+    if text is None:
+        return 0.0
+    try:
+        return float(text.removesuffix("%")) * (diagonal / 100 if text.endswith("%") else 1)
+    except ValueError as error:
+        raise InputError("a length like 0.01, or 0.1% of the bounding-box diagonal", repr(text), "give a number") from error

@@ -1,0 +1,250 @@
+"""Meshes and sequences in bytes: the package's codec and others, at equal error.
+
+    python benchmarks/codec.py [--data DIR] [--only sequences,animation,static,order,speed] [--markdown] [--json FILE]
+
+sequences: rest mesh and poses, all bytes, against Draco (level 10) frame by frame at 8, 10 and 12 bits, and principal components
+of the displacements with zstandard. The codec's error is searched until its KG (of the poses, without the rest mesh) is at most
+Draco's. KG = 100 |A - A'| / |A - mean A|; Draco's is that of its own quantiser, since it reorders vertices. animation: 60 frames
+of one morph, the same. static: one mesh, Draco against the codec at the same spacing of its lattice. order: what keeping the
+caller's order costs. speed: CPU milliseconds per frame after a first run, medians. A tool that is not there is named as absent.
+Bytes are exact. Public meshes are needed: MORPHLET_DATA, or --data, names their folder.
+"""
+
+import argparse
+import json
+import os
+import statistics
+import sys
+import time
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from morphlet import CodecOptions, Mesh, MeshSequence, Morph, decode, encode, read
+from sphere_map import table
+
+SECTIONS = ("sequences", "animation", "static", "order", "speed")
+QUALITIES = (8, 10, 12)
+"""Bits of Draco's quantiser."""
+LEVEL = 10
+"""Of Draco's compression, its highest."""
+SETS = {"horse": ("meshes/horse.obj", "horse-poses/horse-[0-9]*.obj"), "cat": ("meshes/cat.obj", "cat-poses/cat-[0-9]*.obj")}
+STATIC = ("meshes/horse.obj", "meshes/cat.obj", "meshes/bunny.off", "meshes/fertility.off", "meshes/face.obj", "meshes/horse-48k.ply")
+BISECTIONS = 11
+"""Of the error's logarithm, between a millionth and a tenth of the diagonal: to half a percent of the error, a fifth of that in bytes."""
+LEAST, MOST = 1e-5, 3e-2
+"""Errors searched, in diagonals."""
+FRAMES = 60
+ROUNDS = 5
+COMPONENTS = 4096
+"""Share of a component's weight that is stored: 1/4096."""
+ZSTANDARD = 19
+
+
+def packages() -> tuple[Any, Any]:
+    """DracoPy and zstandard, None where absent."""
+    found: list[Any] = []
+    for name in ("DracoPy", "zstandard"):
+        try:
+            found.append(__import__(name))
+        except ImportError:
+            print(f"{name} is absent", file=sys.stderr)
+            found.append(None)
+    return found[0], found[1]
+
+
+def poses_of(data: Path, name: str) -> tuple[Mesh, np.ndarray]:
+    """A rest mesh, and positions of it and its poses."""
+    rest, pattern = SETS[name]
+    files = [data / rest, *sorted(data.glob(pattern))]
+    meshes = [read(file) for file in files]
+    return meshes[0], np.stack([mesh.vertices for mesh in meshes])
+
+
+def kg(meant: np.ndarray, found: np.ndarray) -> float:
+    """The error of Karni and Gotsman, in percent."""
+    return float(100 * np.sqrt(np.sum((meant - found) ** 2) / np.sum((meant - meant.mean(axis=1, keepdims=True)) ** 2)))
+
+
+def quantised(points: np.ndarray, bits: int) -> np.ndarray:
+    """Where Draco puts points."""
+    spacing = np.ptp(points, axis=0).max() / ((1 << bits) - 1)
+    return np.round((points - points.min(axis=0)) / spacing) * spacing + points.min(axis=0)
+
+
+def draco_size(draco: Any, points: np.ndarray, faces: np.ndarray, bits: int) -> int:
+    """Bytes of one mesh."""
+    points, faces = points.astype(np.float32), faces.astype(np.uint32)
+    return len(draco.encode(points, faces=faces, quantization_bits=bits, compression_level=LEVEL))
+
+
+def smallest(measure: Callable[[float], tuple[float, Any]], goal: float, scale: float) -> Any:
+    """What `measure` gives beside the error measure, for the largest setting that keeps the measure at most at the goal."""
+    low, high, best = np.log(LEAST), np.log(MOST), None
+    for _ in range(BISECTIONS):
+        middle = 0.5 * (low + high)
+        reached, result = measure(float(np.exp(middle)) * scale)
+        low, high, best = (middle, high, result) if reached <= goal else (low, middle, best)
+    return best
+
+
+def own(rest: Mesh, positions: np.ndarray, options: CodecOptions | None = None) -> Callable[[float], tuple[float, Any]]:
+    """The codec as a function of its error: KG of the poses, and its report."""
+    sequence = MeshSequence(rest.topology, positions, np.arange(float(len(positions))))
+
+    def measure(error: float) -> tuple[float, Any]:
+        file = encode(sequence, error=error, options=options)
+        back = decode(file.data).positions
+        return kg(positions[1:, file.permutation], back[1:]), file.report
+
+    return measure
+
+
+def components(zstandard: Any, positions: np.ndarray, rest_bytes: int) -> Callable[[float], tuple[float, int]]:
+    """All principal components of the displacements, quantised, as a function of the step; the rest mesh as the codec tells it."""
+    frames, n = positions.shape[0] - 1, positions.shape[1]
+    moved = (positions[1:] - positions[0]).reshape(frames, -1)
+    mean = moved.mean(axis=0)
+    left, sizes, right = np.linalg.svd(moved - mean, full_matrices=False)
+    weights = np.round(left * np.sqrt(frames) * COMPONENTS) / COMPONENTS
+    basis = np.vstack([mean, sizes[:, None] / np.sqrt(frames) * right])
+    packer = zstandard.ZstdCompressor(level=ZSTANDARD)
+
+    def measure(step: float) -> tuple[float, int]:
+        whole = np.round(basis / step).astype(np.int32)
+        axes = whole.reshape(len(basis), n, 3).transpose(0, 2, 1)
+        planes = np.ascontiguousarray(axes).view(np.uint8).reshape(-1, 4).T.tobytes()
+        found = positions[0] + (whole[0] * step + weights @ (whole[1:] * step)).reshape(frames, n, 3)
+        return kg(positions[1:], found), len(packer.compress(planes)) + 2 * weights.size + rest_bytes
+
+    return measure
+
+
+def against_draco(name: str, rest: Mesh, positions: np.ndarray, tools: tuple[Any, Any]) -> list[dict[str, Any]]:
+    """A row per quality of Draco."""
+    draco, zstandard = tools
+    rows = []
+    for bits in QUALITIES:
+        goal = kg(positions[1:], np.stack([quantised(points, bits) for points in positions[1:]]))
+        report = smallest(own(rest, positions), goal, rest.bbox_diagonal)
+        row = {
+            "set": name,
+            "frames": len(positions),
+            "quality": f"q{bits}",
+            "KG": goal,
+            "morphlet": report.bytes,
+            "rest": report.rest_bytes,
+        }
+        row["bits/vertex/frame"] = report.bits_per_vertex
+        if draco is not None:
+            row["Draco"] = sum(draco_size(draco, points, rest.faces, bits) for points in positions)
+            row["ratio"] = row["Draco"] / report.bytes
+        if zstandard is not None and len(positions) < FRAMES:
+            row["PCA+zstd"] = smallest(components(zstandard, positions, report.rest_bytes), goal, rest.bbox_diagonal)
+        rows.append(row)
+    return rows
+
+
+def sequences(data: Path, tools: tuple[Any, Any]) -> list[dict[str, Any]]:
+    """Rest meshes with their poses."""
+    return [row for name in SETS for row in against_draco(name, *poses_of(data, name), tools)]
+
+
+def animation(data: Path, tools: tuple[Any, Any]) -> list[dict[str, Any]]:
+    """One morph of the horse."""
+    rest, positions = poses_of(data, "horse")
+    frames = Morph(rest, positions[3], "gradient").frames(FRAMES).positions
+    return against_draco("morph of horse", rest, frames, tools)
+
+
+def static(data: Path, tools: tuple[Any, Any]) -> list[dict[str, Any]]:
+    """One mesh at Draco's spacing: the error asked for is that of its quantiser."""
+    rows = []
+    for file in STATIC:
+        mesh = read(data / file)
+        for bits in QUALITIES:
+            spacing = float(np.ptp(mesh.vertices, axis=0).max()) / ((1 << bits) - 1)
+            report = encode(mesh, error=np.sqrt(0.75) * spacing).report
+            row = {"mesh": Path(file).stem, "vertices": mesh.n_vertices, "quality": f"q{bits}", "morphlet": report.bytes}
+            row["dB"] = report.psnr
+            if tools[0] is not None:
+                row["Draco"] = draco_size(tools[0], mesh.vertices, mesh.faces, bits)
+                row["ratio"] = row["Draco"] / report.bytes
+            rows.append(row)
+    return rows
+
+
+def order(data: Path, tools: tuple[Any, Any]) -> list[dict[str, Any]]:
+    """Bytes of the caller's order."""
+    rows = []
+    for name in SETS:
+        rest, _ = poses_of(data, name)
+        report = encode(rest, options=CodecOptions(order="kept")).report
+        rows.append(
+            {"mesh": name, "rest": report.rest_bytes, "order": report.order_bytes, "bits/vertex": 8 * report.order_bytes / rest.n_vertices}
+        )
+    return rows
+
+
+def speed(data: Path, tools: tuple[Any, Any]) -> list[dict[str, Any]]:
+    """CPU time per frame, the rest mesh and the check of the result in it."""
+    rows = []
+    for name in SETS:
+        rest, positions = poses_of(data, name)
+        sequence = MeshSequence(rest.topology, positions, np.arange(float(len(positions))))
+        for reference in ("rest", "previous", "best"):
+            options = CodecOptions(reference=reference)
+            error = 2e-3 * rest.bbox_diagonal
+            file = encode(sequence, error=error, options=options)
+            decode(file.data)
+            writing = median_time(lambda s=sequence, e=error, o=options: encode(s, error=e, options=o))
+            reading = median_time(lambda d=file.data: decode(d))
+            count = len(positions)
+            rows.append(
+                {"set": name, "reference": reference, "bytes": len(file.data), "encode ms": writing / count, "decode ms": reading / count}
+            )
+    return rows
+
+
+def median_time(call: Callable[[], Any]) -> float:
+    """CPU milliseconds."""
+    times = []
+    for _ in range(ROUNDS):
+        start = time.process_time()
+        call()
+        times.append(1e3 * (time.process_time() - start))
+    return statistics.median(times)
+
+
+def shown(rows: list[dict[str, Any]], markdown: bool) -> str:
+    """Rows of one section as a table."""
+    heads = list(dict.fromkeys(key for row in rows for key in row))
+    return table(heads, [[text(row.get(key, "-")) for key in heads] for row in rows], markdown)
+
+
+def text(value: Any) -> str:
+    """A cell."""
+    return f"{value:.4g}" if isinstance(value, float) else str(value)
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--data", type=Path, default=os.environ.get("MORPHLET_DATA"))
+    parser.add_argument("--only", default=",".join(SECTIONS))
+    parser.add_argument("--markdown", action="store_true")
+    parser.add_argument("--json", type=Path)
+    options = parser.parse_args()
+    if options.data is None:
+        parser.exit(0, "set MORPHLET_DATA to the folder of public test meshes\n")
+    tools, found = packages(), {}
+    for section in options.only.split(","):
+        found[section] = {s.__name__: s for s in (sequences, animation, static, order, speed)}[section](Path(options.data), tools)
+        print(f"{section}\n{shown(found[section], options.markdown)}", flush=True)
+    if options.json:
+        options.json.write_text(json.dumps(found, indent=1))
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,1 @@
+"""Meshes and mesh sequences as few bytes."""
