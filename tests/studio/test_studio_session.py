@@ -476,6 +476,27 @@ def test_every_step_is_written_beside_and_taken_up_again(tmp_path):
     assert other.say("recover", name="../../etc")["code"] == "field"
 
 
+def test_edits_of_a_mesh_that_was_exchanged_are_kept_aside(tmp_path):
+    told = Told(tmp_path, egg())
+    told.lift()
+    lifted = told.shape
+    told.done("sample", slot="source", name="blob")
+    (aside,) = told.state["recoverable"]
+    assert (aside["meshes"], aside["edits"]) == (["source.ply"], 1)
+    told.done("close", slot="source")
+    assert len(told.state["recoverable"]) == 1
+    told.done("recover", name=aside["name"])
+    assert np.array_equal(told.shape, lifted)
+    assert told.state["recoverable"] == []
+
+
+def test_no_job_begins_once_the_server_stops(tmp_path):
+    told = Told(tmp_path, egg(1), egg(1))
+    told.session.halt()
+    told.done("correspond")
+    assert told.state["match"] is None
+
+
 def test_a_held_session_is_not_offered_and_a_saved_one_not_kept(tmp_path):
     told = Told(tmp_path, egg())
     told.lift()

@@ -119,7 +119,7 @@ class Studio:
 
     def close(self) -> None:
         """Stop what runs, and write what there is."""
-        self.session.stop.set()
+        self.session.halt()
         self.worker.put(self.session.end)
         self.worker.close()
 

@@ -94,6 +94,14 @@ class Folder:
             if old != place:
                 old.unlink()
 
+    def set_aside(self, coming: Path | None) -> None:
+        """Leave a copy of what is written, to be taken up again; without the copy of a mesh that is only coming in."""
+        other = Folder.create(self.path.parent)
+        for file in [self.path / SESSION, *self.path.glob("source-*"), *self.path.glob("target-*")]:
+            if file.exists() and file != coming:
+                shutil.copy2(file, other.path)
+        other.lock.close()
+
     def close(self, keep: bool) -> None:
         """Release the folder; forget it unless it holds what was not saved."""
         self.lock.close()

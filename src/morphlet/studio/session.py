@@ -65,6 +65,7 @@ class Session:
         self.pairing = Pairing(emit, self.desk)
         self.stop = threading.Event()
         self.revision = 0
+        self.ending = False
         self.job: Job | None = None
         self.saved = True
         self._opened, self._jobs, self._written = 0, 0, 0.0
@@ -132,8 +133,7 @@ class Session:
         except MorphletError:
             place.unlink()
             raise
-        self.folder.keep(slot, place)
-        self._put(slot, model)
+        self._put(slot, model, place)
         self._told_and_written()
 
     def sample(self, slot: str, name: str) -> None:
@@ -150,8 +150,7 @@ class Session:
     def close_mesh(self, slot: str) -> None:
         """Take a mesh away."""
         self.desk.idle_hands()
-        self.folder.keep(slot, None)
-        self._put(slot, None)
+        self._put(slot, None, None)
 
     def read_pairs(self, file: Path) -> None:
         """Take the pairs of a file as markers."""
@@ -211,9 +210,14 @@ class Session:
             self._stored = content
         self._written = time.monotonic()
 
+    def halt(self) -> None:
+        """Stop the job that runs, and every later one: the server is about to stop. From any thread."""
+        self.ending = True
+        self.stop.set()
+
     def end(self) -> None:
         """The server stops: what was moved or marked and not saved stays on disk."""
-        self.folder.close(keep=bool(self.history.now.edits or self.history.now.markers or self.history.now.poses) and not self.saved)
+        self.folder.close(keep=self._unsaved)
 
     def _answered(self, message: Message, client: int) -> Note:
         """Do what a message asks; its answer."""
@@ -238,6 +242,12 @@ class Session:
         except MorphletError as error:
             self.emit(refused(error, None, None))
 
+    @property
+    def _unsaved(self) -> bool:
+        """Whether there is anything that was made and not saved."""
+        now = self.history.now
+        return bool(now.edits or now.markers or now.poses) and not self.saved
+
     def _told_and_written(self) -> None:
         self.tell()
         self._write_or_say()
@@ -261,8 +271,12 @@ class Session:
         self.desk.begin(client)
         self.desk.end(client, 0, message["transform"])
 
-    def _put(self, slot: str, model: Model | None) -> None:
-        """A mesh into its place; markers and all that goes between the two meshes are gone."""
+    def _put(self, slot: str, model: Model | None, place: Path | None) -> None:
+        """A mesh into its place; markers and all that goes between the two meshes are gone, but kept aside if they were not saved."""
+        if self._unsaved and (slot == "source" or self.history.now.markers):
+            self.folder.set_aside(place)
+            self._recoverable = self._found()
+        self.folder.keep(slot, place)
         if slot == "source":
             self.desk.open(model)
             self.pairing.forget()
@@ -275,7 +289,8 @@ class Session:
         needs()
         self._jobs += 1
         self.job = job = Job(self._jobs, kind, self.emit, self.stop)
-        self.stop.clear()
+        if not self.ending:
+            self.stop.clear()
         self._tell_job(job, "started", None)
         self.tell()
         try:
