@@ -7,6 +7,7 @@ from pathlib import Path
 SCRIPTS = (
     *("first_run.py", "reading.py", "factorization.py", "point_location.py", "sphere_map.py", "sphere_torture.py"),
     *("mothers.py", "wavelet_rows.py", "wavelet_mesh.py", "correspondence.py", "confidence.py", "editing.py", "motion.py"),
+    *("codec.py", "studio.py"),
 )
 
 

@@ -1,5 +1,7 @@
 """Faces, positions and orders of meshes: any triangles come back, and their price is that of their irregularity."""
 
+import tracemalloc
+
 import numpy as np
 import pytest
 from hypothesis import given
@@ -129,5 +131,9 @@ def test_more_vertices_than_the_faces_tell_are_refused():
     data = told(mesh)[0]
     with pytest.raises(CodecError, match="faces that cannot be read"):
         rest.read_faces(data, mesh.n_faces, mesh.n_vertices + 9, 8)
+    tracemalloc.start()
     with pytest.raises(CodecError, match="faces that cannot be read"):
         rest.read_faces(data, 10**7, 10**7, 0)
+    peak = tracemalloc.get_traced_memory()[1]
+    tracemalloc.stop()
+    assert peak < 30_000_000

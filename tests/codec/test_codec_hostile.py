@@ -199,6 +199,14 @@ def test_packets_swapped_doubled_or_left_out_are_noticed():
                 decode_part(data[:HEADER_SIZE] + b"".join(order))
 
 
+def test_an_end_that_counts_other_packets_is_refused():
+    found = [Packet(k, 2 if k == FRAMES else 0, 0, payload(SMALL, n)) for n, k in enumerate((FACES, POSITIONS, FRAMES))]
+    with pytest.raises(CodecError, match="3 packets where there were 2"):
+        decode_part(rebuilt(SMALL, *found, Packet(6, 2, 0, b"")))
+    with pytest.raises(CodecError, match="0 frames where there were 2"):
+        decode_part(rebuilt(SMALL, *found[:2], Packet(6, 2, 0, b"")))
+
+
 def test_bytes_after_the_end_are_refused():
     with pytest.raises(CodecError, match="bytes after its end"):
         decode(SMALL + b"\0")

@@ -8,7 +8,7 @@ from jaxtyping import Int
 from morphlet.codec import connectivity, geometry
 from morphlet.codec.connectivity import Border, Plan
 from morphlet.codec.container import damaged
-from morphlet.codec.range_coder import FAULT, READ_PAST, Coder, consumed, full, reader, writer, written
+from morphlet.codec.range_coder import FAULT, Coder, consumed, full, reader, writer, written
 from morphlet.codec.shuffle import CONTEXTS as SHUFFLE_CONTEXTS
 from morphlet.codec.shuffle import MIXERS as SHUFFLE_MIXERS
 from morphlet.codec.shuffle import code_numbers
@@ -66,7 +66,7 @@ def read_faces(data: bytes, m: int, n: int, loose: int) -> Shape:
         border = _border(room, min(n, 3 * room))
         totals[0] = min(n, 3 * room)
         done = connectivity.conquer(coder, plan, border, np.empty(room + 1, np.int64), totals)
-        if done or coder.state[FAULT] == READ_PAST or room >= m:
+        if done or coder.state[FAULT] > 0 or room >= m:
             break
         room = min(4 * room, m)
     if not done or not consumed(coder) or n - totals[0] > loose:
