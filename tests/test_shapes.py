@@ -23,8 +23,9 @@ install_import_hook(sys.argv[1].split(","), "checks.typed")
 
 import numpy as np
 from morphlet import (
-    Arap, Direct, DualLaplacian, EstimatedRotations, Guarded, Laplacian, Lattice, Morph, MovingLeastSquares, Multiresolution, Roi,
-    RoiEditor, Schedule, Shell, SimilarityLaplacian, metrics, pair_faces, self_intersections, transfer, wavelet_bands,
+    Arap, Blend, CodecOptions, Direct, DualLaplacian, EstimatedRotations, Guarded, Laplacian, Lattice, MeshSequence, Morph,
+    MovingLeastSquares, Multiresolution, Pins, Roi, RoiEditor, Schedule, Shell, SimilarityLaplacian, Tour, decode, encode, measure,
+    metrics, pair_faces, self_intersections, sweep, transfer, wavelet_bands,
 )
 from morphlet.approximation.rows import RowOptions, approximate_by_rows
 from morphlet.approximation.surface import approximate
@@ -78,7 +79,15 @@ for path_name in ("linear", "gradient"):
     Morph(source, edited.vertices, path_name).frames(3)
 bands = wavelet_bands(mapped, edited.vertices, 20)
 Morph(source, edited.vertices, "wavelet", bands, Schedule.coarse_first(len(bands))).frames(3)
+Morph(source, edited.vertices, "gradient", bands, delay=sweep(source, np.arange(2))).frames(3)
 transfer(source, edited, source, pair_faces(source, source))
+Pins.prepare(source, np.arange(3)).hold(edited, source.vertices[:3])
+shapes = MeshSequence(source.topology, np.stack([source.vertices, edited.vertices, 2 * source.vertices]), np.arange(3.0))
+Blend(source, shapes.positions)(np.array([0.2, 0.3, 0.5]))
+measure(Tour(shapes).frames(2)).rows()
+for options in (CodecOptions(), CodecOptions(order="kept", layers=3), CodecOptions("previous", packet_frames=1)):
+    decode(encode(shapes, options=options).data)
+encode(source)
 print("shapes hold")
 """
 

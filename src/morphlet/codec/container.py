@@ -11,7 +11,7 @@ import struct
 import zlib
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
-from typing import Final
+from typing import Any, Final
 
 from morphlet.errors import MorphletError
 
@@ -196,7 +196,7 @@ def read_header(source: Source, limits: Limits) -> tuple[Header, int]:
     return _checked(_HEADER.unpack(body), limits), told
 
 
-def _checked(fields: tuple[int | float, ...], limits: Limits) -> Header:
+def _checked(fields: tuple[Any, ...], limits: Limits) -> Header:
     """The header of these fields, if they make sense and stay within the limits."""
     mode, flags, counts, reals, rest = fields[3], fields[4], fields[5:8], fields[8:14], fields[14:]
     vertices, faces, frames = (int(c) for c in counts)

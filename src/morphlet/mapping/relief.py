@@ -77,7 +77,7 @@ def _stiffness(mesh: Mesh) -> sp.csc_array:
     off = laplacian(mesh)
     off.setdiag(0)
     off.data = np.minimum(off.data, 0)
-    lower = sp.tril(sp.diags_array(-np.asarray(off.sum(axis=1)).ravel()) + off, format="csc")
+    lower = sp.csc_array(sp.tril(sp.diags_array(-np.asarray(off.sum(axis=1)).ravel()) + off))
     lower.sort_indices()
     return lower
 
