@@ -27,7 +27,7 @@ DIFFUSIONS = 2
 """Implicit steps of the smoothing."""
 SPREAD = 0.13
 """Relief is told in this unit: its standard deviation on horses, cats, wolves and the package's creatures is 0.09 to 0.19 at each scale."""
-SHARE, EASE = 0.5, 0.6
+SHARE, EASE = 0.5, 0.3
 """Weight beside the chord energy, and the difference, in spreads, that pulls most."""
 LEAST_MASS = 1e-12
 """Share of the area that a vertex has at least: degenerate faces leave some without."""
