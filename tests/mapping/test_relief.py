@@ -72,7 +72,7 @@ def test_what_falls_on_itself_costs_nothing_and_what_is_far_from_alike_not_much(
     alike = likeness(blob(), blob())
     near = alike.value(turned, under(blob(), turned))
     far = replace(alike, own=alike.own + 1000.0).value(turned, under(blob(), turned))
-    assert 0.5 < near < far < 4 * np.pi * SHARE * EASE * 17  # log(1e6) and a little
+    assert 0.5 < near < far < 4 * np.pi * SHARE * EASE * np.log1p(3 * 1010.0**2 / EASE**2)  # three scales, and a little
 
 
 def test_the_gradient_agrees_with_differences_and_the_hessian_stays_in_its_blocks() -> None:
