@@ -65,6 +65,18 @@ def test_a_surface_without_area_is_flat() -> None:
     assert not relief(blob(1).with_vertices(blob(1).vertices * [1, 0, 0])).any()
 
 
+def test_a_vertex_among_faces_without_area_has_a_relief() -> None:
+    """Three faces at one place: all their weights are zero."""
+    mesh = blob()
+    corner = mesh.vertices[mesh.faces[0, 0]]
+    spike = Mesh(
+        np.vstack([mesh.vertices, corner[None]]),
+        [*mesh.faces[1:], *([*edge, mesh.n_vertices] for edge in zip(mesh.faces[0], np.roll(mesh.faces[0], -1), strict=True))],
+    )
+    flat = spike.with_vertices(np.where(np.isin(np.arange(spike.n_vertices), mesh.faces[0])[:, None], corner, spike.vertices))
+    assert np.isfinite(relief(flat)).all()
+
+
 def test_what_falls_on_itself_costs_nothing_and_what_is_far_from_alike_not_much() -> None:
     S = np.array(radial_map(blob()).closed_points)
     assert likeness(blob(), blob()).value(S, under(blob(), S)) == pytest.approx(0, abs=1e-9)

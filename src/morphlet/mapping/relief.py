@@ -73,11 +73,13 @@ def relief(mesh: Mesh) -> Float[np.ndarray, "n s"]:
 
 
 def _stiffness(mesh: Mesh) -> sp.csc_array:
-    """Lower triangle of the Laplacian with weights that are not negative."""
+    """Lower triangle of the Laplacian with weights that are not negative; each diagonal entry is there, be it zero."""
     off = laplacian(mesh)
     off.setdiag(0)
     off.data = np.minimum(off.data, 0)
-    lower = sp.csc_array(sp.tril(sp.diags_array(-np.asarray(off.sum(axis=1)).ravel()) + off))
+    below, own = sp.tril(off, -1, format="coo"), np.arange(mesh.n_vertices)
+    values = np.concatenate([-np.asarray(off.sum(axis=1)).ravel(), below.data])
+    lower = sp.csc_array((values, (np.concatenate([own, below.row]), np.concatenate([own, below.col]))), shape=off.shape)
     lower.sort_indices()
     return lower
 
