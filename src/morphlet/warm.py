@@ -105,6 +105,10 @@ def compile_codec() -> None:
     _mark(marker("codec"))
 
 
+COMPILERS = {"kernels": compile_kernels, "edits": compile_edits, "codec": compile_codec}
+"""What compiles each of the sets of kernels."""
+
+
 def _mark(done: Path) -> None:
     """Leave a marker; in a read-only home the next run announces once more, and finds the kernels compiled."""
     with suppress(OSError):

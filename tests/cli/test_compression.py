@@ -60,6 +60,14 @@ def test_a_file_that_ends_early_is_refused_unless_it_is_asked_for(capsys, files)
     assert (result["complete"], 1 <= result["frames"] <= 4) == (False, True)
 
 
+def test_a_sequence_cut_after_its_rest_mesh_is_still_one(capsys, files):
+    data = encode(MOVES, options=CodecOptions(packet_frames=1)).data
+    (files / "cut.mlw").write_bytes(data[: next(k for k in range(len(data)) if complete_up_to(data[:k]))])
+    result = told(call(capsys, "decode", files / "cut.mlw", "-o", files / "out", "--partial", "--json"), "decode")
+    assert (result["mode"], result["frames"]) == ("sequence", 1)
+    assert [file.name for file in (files / "out").iterdir()] == ["rest.ply"]
+
+
 def complete_up_to(data):
     """Whether a part of a file ends between two packets."""
     from morphlet import CodecError, decode_part

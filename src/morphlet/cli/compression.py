@@ -4,6 +4,7 @@ import math
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
+from morphlet.cli import steps
 from morphlet.cli.options import DEFAULTS, FILM, Film, Output, length
 from morphlet.cli.pictures import draw_mesh, promise_film, shoot
 from morphlet.console import FLAG, Common, Run, execute
@@ -67,7 +68,7 @@ def encode(
             raise InputError("at least one mesh", "none", "name the file of a mesh, and of its poses if there are any")
         frames = read_sequence(*mesh)
         _require_mode(mode, len(frames))
-        _warm_codec(run)
+        steps.warm(run, "codec")
         run.stage("encode")
         found = encoded(frames, error=_bound(frames, error, bits), options=CodecOptions(order="kept" if keep_order else "free"))
         run.place(output).write_bytes(found.data)
@@ -95,6 +96,7 @@ def decode(file: Path, /, *, output: Output, partial: Annotated[bool, FLAG] = Fa
 
     def work(run: Run) -> dict[str, Any]:
         with run.uncounted():
+            from morphlet.codec.container import EXACT, Limits, Source, read_header
             from morphlet.codec.sequence import decode_part
 
         run.folder(output)
@@ -103,7 +105,7 @@ def decode(file: Path, /, *, output: Output, partial: Annotated[bool, FLAG] = Fa
             data = file.read_bytes()
         except OSError as problem:
             raise FileError(f"a .mlw file at {file}", problem.strerror or str(problem), "check the path and its permissions") from problem
-        _warm_codec(run)
+        steps.warm(run, "codec")
         run.stage("decode")
         found = decode_part(data)
         told = f"a file that ends early, {len(found.sequence)} meshes in it"
@@ -111,11 +113,12 @@ def decode(file: Path, /, *, output: Output, partial: Annotated[bool, FLAG] = Fa
             raise FileError(f"the whole of {file}", told, "get the rest, or add --partial")
         if not found.complete:
             run.say(f"note: {told}")
-        _write_meshes(run.place(output), found.sequence)
+        mode = "exact" if read_header(Source([data]), Limits())[0].mode == EXACT else "sequence"
+        _write_meshes(run.place(output), found.sequence, mode)
         draw_mesh(run, found.sequence[len(found.sequence) - 1])
         shoot(run, film, found.sequence)
         n = found.sequence.positions.shape[0] * found.sequence.positions.shape[1]
-        figures = {"mode": "sequence" if len(found.sequence) > 1 else "exact", "bytes": len(data), "bits_per_vertex": 8 * len(data) / n}
+        figures = {"mode": mode, "bytes": len(data), "bits_per_vertex": 8 * len(data) / n}
         unknown = dict.fromkeys(("rms", "hausdorff", "kg_error", "max_vertex_error", "psnr"))
         return figures | unknown | {"error": found.error, "frames": len(found.sequence), "complete": found.complete}
 
@@ -154,7 +157,7 @@ def _figures(report: "EncodeReport", frames: "MeshSequence") -> dict[str, Any]:
     return {"mode": report.mode, "bytes": report.bytes, "bits_per_vertex": report.bits_per_vertex} | errors | {"psnr": report.psnr} | sizes
 
 
-def _write_meshes(folder: Path, found: "MeshSequence") -> None:
+def _write_meshes(folder: Path, found: "MeshSequence", mode: str) -> None:
     """mesh.ply, or rest.ply and the frames."""
     from morphlet.io.formats import write
     from morphlet.io.sequences import write_sequence
@@ -162,17 +165,6 @@ def _write_meshes(folder: Path, found: "MeshSequence") -> None:
 
     folder.mkdir(exist_ok=True)
     first: Mesh = found[0]
-    write(folder / ("mesh.ply" if len(found) == 1 else "rest.ply"), first)
+    write(folder / ("mesh.ply" if mode == "exact" else "rest.ply"), first)
     if len(found) > 1:
         write_sequence(folder, MeshSequence(found.topology, found.positions[1:], found.times[1:]))
-
-
-def _warm_codec(run: Run) -> None:
-    """Compile the kernels of the codec if this is its first use, and say so."""
-    with run.uncounted():
-        from morphlet.warm import compile_codec, compiled
-
-        if not compiled("codec"):
-            run.say("compiling the kernels of the codec: once, about a quarter of a minute; later files start at once")
-            run.stage("compiling kernels")
-            compile_codec()

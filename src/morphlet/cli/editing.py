@@ -48,7 +48,7 @@ def deform(mesh: Path, spec: Path, /, *, output: Output, film: Film = FILM, comm
         else:
             run.file(output, *MESHES)
         surface = steps.welded(run, mesh)
-        _warm_edits(run)
+        steps.warm(run, "edits")
         edited, figures = _edited(run, surface, told)
         frames = steps.as_in_file(surface, edited)
         if told.sequence:
@@ -102,17 +102,6 @@ def _both(first: "OnStep", second: "OnStep") -> "OnStep":
         second(step)
 
     return tell
-
-
-def _warm_edits(run: Run) -> None:
-    """Compile the kernels of editing if this is the first edit, and say so."""
-    with run.uncounted():
-        from morphlet.warm import compile_edits, compiled
-
-        if not compiled("edits"):
-            run.say("compiling the kernels of editing: once, about a quarter of a minute; later edits start at once")
-            run.stage("compiling kernels")
-            compile_edits()
 
 
 def _strain(edit: "Edit", deformed: "Mesh") -> dict[str, Any]:

@@ -3,7 +3,7 @@
 import json
 from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Literal
 
 from morphlet.cli.options import MENDING, Mending
 from morphlet.console import Run, plain
@@ -20,6 +20,12 @@ if TYPE_CHECKING:
     Ends = tuple[Repaired, Repaired]
 
 RESULT = "result.json"
+FIRST_USE = {
+    "kernels": "compiling the kernels: once, about 40 seconds on two cores; later runs start at once",
+    "edits": "compiling the kernels of editing: once, about a quarter of a minute; later edits start at once",
+    "codec": "compiling the kernels of the codec: once, about a quarter of a minute; later files start at once",
+}
+"""What is said before kernels are compiled."""
 
 
 def present(*files: Path | None) -> list[Path | str]:
@@ -27,15 +33,15 @@ def present(*files: Path | None) -> list[Path | str]:
     return [file for file in files if file is not None]
 
 
-def warm(run: Run) -> None:
-    """Compile the kernels if this is the first run, and say so."""
+def warm(run: Run, of: Literal["kernels", "edits", "codec"] = "kernels") -> None:
+    """Compile the kernels of the main job, of editing or of the codec if this is their first use, and say so."""
     with run.uncounted():
-        from morphlet.warm import compile_kernels, compiled
+        from morphlet.warm import COMPILERS, compiled
 
-        if not compiled():
-            run.say("compiling the kernels: once, about 40 seconds on two cores; later runs start at once")
+        if not compiled(of):
+            run.say(FIRST_USE[of])
             run.stage("compiling kernels")
-            compile_kernels()
+            COMPILERS[of]()
 
 
 def welded(run: Run, path: Path) -> "Repaired":
