@@ -105,6 +105,17 @@ def test_an_animation_plays_every_frame_at_its_time(tmp_path):
     np.testing.assert_array_equal(read_attributes(tmp_path / "ball.glb").colors, colors)
 
 
+def test_colors_in_glb_are_amounts_of_light(tmp_path):
+    """Half of white's light looks like sRGB 188, and every byte comes back."""
+    everything = np.repeat(np.arange(256, dtype=np.uint8)[:, None], 3, axis=1)
+    strip = Mesh(np.random.default_rng(0).random((256, 3)), np.arange(255).reshape(85, 3))
+    write(tmp_path / "strip.glb", strip, colors=everything)
+    np.testing.assert_array_equal(read_attributes(tmp_path / "strip.glb").colors, everything)
+    (found,) = trimesh.load_scene(tmp_path / "strip.glb", process=False).geometry.values()
+    light = found.visual.vertex_attributes["color"]
+    np.testing.assert_allclose(light[[0, 188, 255], 0], [0, 0.5, 1], atol=0.01)
+
+
 def test_what_no_animation_can_be(tmp_path):
     with pytest.raises(FileError, match=r"an animation ending in \.glb"):
         write_animation(tmp_path / "a.ply", growing(2))
@@ -275,7 +286,8 @@ def test_trimesh_reads_an_animation_as_its_first_frame(tmp_path):
     assert found.vertices.shape == (162, 3)
     np.testing.assert_allclose(found.vertices, ball.vertices, atol=1e-6)
     np.testing.assert_array_equal(found.faces, ball.faces)
-    np.testing.assert_array_equal(found.visual.vertex_attributes["color"][:, :3], colors)
+    light = found.visual.vertex_attributes["color"][:, :3]
+    np.testing.assert_allclose(light ** (1 / 2.2), colors / 255, atol=0.04)
 
 
 @pytest.mark.skipif(not DATA, reason="MORPHLET_DATA is not set: no public meshes")

@@ -10,7 +10,7 @@ import re
 from collections.abc import Callable
 
 import numpy as np
-from jaxtyping import Float, Int
+from jaxtyping import Float, Int, UInt8
 
 from morphlet.errors import FileError
 from morphlet.io.content import COLOR_MAX, Attributes, Content, File, byte_colors, renewed_normals, single, strip
@@ -58,7 +58,7 @@ def attributes(file: File) -> Attributes:
         pieces = list(pieces_of(scene.tree))
         colors, uv = (_joined([_attribute(scene, piece, name) for piece in pieces]) for name in ("COLOR_0", "TEXCOORD_0"))
         upright = None if uv is None else np.stack([uv[:, 0], 1 - uv[:, 1]], axis=1)
-        return Attributes(None if colors is None else byte_colors(colors[:, :3]), upright)
+        return Attributes(None if colors is None else byte_colors(_shown(colors[:, :3])), upright)
 
 
 def render(mesh: Mesh, attributes: Attributes) -> bytes:
@@ -103,7 +103,7 @@ def still(mesh: Mesh, attributes: Attributes) -> tuple[Tree, bytearray]:
     buffer = bytearray()
     named = {"POSITION": single(mesh.vertices), "NORMAL": single(mesh.vertex_normals)}
     if attributes.colors is not None:
-        named["COLOR_0"] = np.insert(attributes.colors, 3, COLOR_MAX, axis=1)
+        named["COLOR_0"] = single(np.insert(_light(attributes.colors), 3, 1.0, axis=1))
     if attributes.uv is not None:
         named["TEXCOORD_0"] = single(np.stack([attributes.uv[:, 0], 1 - attributes.uv[:, 1]], axis=1))
     primitive = {"attributes": {name: append(tree, buffer, values) for name, values in named.items()}, "material": 0}
@@ -167,6 +167,18 @@ def _joined(parts: list[Float[np.ndarray, "n d"] | None]) -> Float[np.ndarray, "
     """The rows of all parts; None if one has none."""
     found = [part for part in parts if part is not None]
     return np.concatenate(found) if found and len(found) == len(parts) else None
+
+
+def _light(colors: UInt8[np.ndarray, "n 3"]) -> Float[np.ndarray, "n 3"]:
+    """Amounts of light of sRGB bytes (IEC 61966-2-1), which is what vertex colours are in this format."""
+    share = colors / COLOR_MAX
+    return np.where(share <= 0.04045, share / 12.92, ((share + 0.055) / 1.055) ** 2.4)
+
+
+def _shown(light: Float[np.ndarray, "n 3"]) -> Float[np.ndarray, "n 3"]:
+    """The sRGB fractions of amounts of light (IEC 61966-2-1)."""
+    share = np.clip(np.nan_to_num(light), 0, 1)
+    return np.where(share <= 0.0031308, 12.92 * share, 1.055 * share ** (1 / 2.4) - 0.055)
 
 
 def _world_normals(scene: Scene, piece: Piece) -> Float[np.ndarray, "n 3"]:

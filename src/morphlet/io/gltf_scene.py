@@ -198,7 +198,7 @@ def append(tree: Tree, buffer: bytearray, values: np.ndarray) -> int:
     entry = {"bufferView": len(views) - 1, "componentType": component, "count": len(values), "type": shape}
     if values.dtype.kind == "f":
         entry |= {"min": values.min(axis=0).tolist(), "max": values.max(axis=0).tolist()}
-    accessors.append(entry | ({"normalized": True} if values.dtype == np.uint8 else {}))
+    accessors.append(entry)
     return len(accessors) - 1
 
 
