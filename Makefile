@@ -4,6 +4,7 @@
 # make bench   benchmarks, peers side by side where installed
 # make test-blender  what Blender reads and writes, with its Python module (some 1 GB, for the Python versions that it supports)
 # make studio  the page of the studio, from TypeScript; needs Node.js and npm, which nothing else does
+# make docs    the documentation as a site, in out/docs; a warning is an error
 # make test-studio   that page in a real browser; what is not there (npm, Chromium) is said, and its tests are skipped
 # Nothing but Python >= 3.11 and make needs to be there. The test data are optional: MORPHLET_DATA=folder.
 PYTHON ?= python3
@@ -14,7 +15,7 @@ PAGE := src/morphlet/studio/static/index.html
 PAGE_SOURCES := $(shell find studio -path studio/node_modules -prune -o -type f -print)
 NO_NPM := no npm: the studio's page cannot be built (Node.js 20.19 or newer is needed)
 
-.PHONY: demo test check bench test-blender studio test-studio clean
+.PHONY: demo test check bench docs test-blender studio test-studio clean
 
 demo: $(VENV)/core
 	$(BIN)/morphlet demo -o $(DEMO) --force
@@ -27,6 +28,9 @@ check: $(VENV)/test
 	$(BIN)/ruff format --check
 	$(BIN)/mypy
 	$(BIN)/lint-imports
+
+docs: $(VENV)/docs
+	$(BIN)/python -m sphinx -q -W --keep-going -b html docs out/docs
 
 bench: $(VENV)/bench
 	$(BIN)/python -m benchmarks
@@ -66,6 +70,10 @@ $(VENV)/browser: $(VENV)/test
 $(VENV)/blender/made: $(VENV)/python
 	$(PYTHON) -m venv $(VENV)/blender
 	$(VENV)/blender/bin/python -m pip install --quiet 'bpy>=4.2'
+	@touch $@
+
+$(VENV)/docs: $(VENV)/python pyproject.toml
+	$(BIN)/python -m pip install --quiet -e '.[docs,studio]'
 	@touch $@
 
 $(VENV)/bench: $(VENV)/test

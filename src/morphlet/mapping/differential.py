@@ -24,7 +24,7 @@ def reconstruct(
 ) -> Mesh:
     """The mesh whose differential coordinates are nearest to the given one's, with some vertices pulled to known places.
 
-    Minimises |L X - L V|^2 + sum_f w_f |x_f - place_f|^2, the first norm weighted with the inverse mass, so that fine and
+    Minimises ``|L X - L V|^2 + sum_f w_f |x_f - place_f|^2``, the first norm weighted with the inverse mass, so that fine and
     coarse parts of the mesh count by their area.
 
     Parameters

@@ -421,7 +421,7 @@ def mother(name: str) -> Mother:
 
 
 def coherence(a: Mother, b: Mother) -> float:
-    """How alike two mothers are: the largest |cosine| between one and the dilations of the other, 1 if of one shape.
+    """How alike two mothers are: the largest cosine, by its size, between one and the dilations of the other, 1 if of one shape.
 
     Parameters
     ----------
