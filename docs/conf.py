@@ -4,6 +4,8 @@ from collections import defaultdict
 from importlib import import_module
 from pathlib import Path
 
+import sphinx.ext.autosummary
+
 import morphlet
 
 project = "morphlet"
@@ -26,8 +28,10 @@ numpydoc_show_class_members = False
 nitpicky = False
 suppress_warnings = ["config.cache"]
 
+sphinx.ext.autosummary.WELL_KNOWN_ABBREVIATIONS += ("Eq.", "Eqs.", "Fig.", "Figs.", "Sect.", "Sects.")  # no ends of sentences
+
 REFERENCE = Path(__file__).parent / "reference"
-PAGE = """# {title}
+PAGE = """# morphlet.{package}
 
 {text}
 
@@ -45,13 +49,13 @@ PAGE = """# {title}
 
 def write_reference() -> list[str]:
     """A page per package of the public names it is home to, in the order of the floors; what is there already and the same stays."""
+    REFERENCE.mkdir(exist_ok=True)
     homes = defaultdict(list)
     for name in sorted(morphlet._HOME):
         homes[morphlet._HOME[name].split(".")[1]].append(name)
     for package, names in homes.items():
-        first, _, rest = (import_module(f"morphlet.{package}").__doc__ or "").strip().partition("\n")
         listed = "\n".join(f"   {name}" for name in names)
-        text = PAGE.format(title=f"morphlet.{package}: {first[0].lower()}{first[1:].rstrip('.')}", text=rest.strip(), names=listed)
+        text = PAGE.format(package=package, text=(import_module(f"morphlet.{package}").__doc__ or "").strip(), names=listed)
         page = REFERENCE / f"{package}.md"
         if not page.exists() or page.read_text(encoding="utf-8") != text:
             page.write_text(text, encoding="utf-8")
