@@ -271,6 +271,14 @@ def test_units_do_not_matter():
     np.testing.assert_allclose((b.table.centers + 2) / 8, a.table.centers, atol=1e-5)
 
 
+@pytest.mark.parametrize("scale", [1e-6, 1e6])
+def test_growing_networks_ask_for_no_unit(scale):
+    y = signal(2)
+    a, b = (interleave_rows(X, factor * y[None], HATS, Growth(7)) for factor in (1.0, scale))
+    assert len(a.table[0]) == len(b.table[0]) == 7
+    np.testing.assert_allclose(b.sse, scale**2 * a.sse, rtol=1e-5)
+
+
 def test_samples_may_be_scattered_and_repeated():
     x = np.append(np.random.default_rng(0).uniform(0, 1, 100), [0, 0.5, 0.5, 1])
     found = interleave_rows(x, np.sin(9 * x)[None, :, None], dyadic_library([MOTHERS["polywog1"]], X), Growth(6))

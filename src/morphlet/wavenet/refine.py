@@ -367,7 +367,7 @@ def _refined(signals: _Signals, row: int, start: _Placed, steps: int) -> _Row:
 def _grown(signals: _Signals, row: int, pool: _Pool, growth: Growth) -> _Row:
     """One signal: pick, move, and so on; move once more, and weigh."""
     y, size = signals.unit(row)
-    kinds, theta, errors = np.zeros(0, np.int64), np.zeros((2, 0)), [float(np.minimum(size, 1))]
+    kinds, theta, errors = np.zeros(0, np.int64), np.zeros((2, 0)), [float(size > 0)]
     arguments = signals.samples, signals.tables, y
     while len(kinds) < growth.n_wavelets and errors[-1] * size**2 > max(growth.tolerance * len(signals.x), ROUNDING * size**2):
         Q, rest = _project(*arguments, kinds, theta)
