@@ -1,11 +1,14 @@
 """The studio's page in a real browser: how often the hand's way comes back as vertices in the page's buffers, how soon a mesh is seen.
 
-    make studio && python benchmarks/studio_page.py
+    make studio && python benchmarks/studio_page.py [--peer-python /path/with/viser/bin/python] [--minutes 10]
 
-The gizmo is taken with the mouse in Chromium; then the pointer moves on as soon as the page has put newer vertices into its buffers: round
-trips, one after the other. Drawing is left out (without a graphics card it would be measured alone). "region" and "whole" are as in
-`studio.py`. The first picture is drawn in software; its time begins with the call of the address. Chromium is driven by its own
-protocol, with nothing that listens in: a testing library would read every frame, too, and be measured.
+The gizmo is taken with the mouse in Chromium; then the pointer moves on as soon as the page has put the vertices that answer its last
+move into its buffers: round trips, one after the other. Drawing is left out (without a graphics card it would be measured alone).
+"region" and "whole" are as in `studio.py`. The first picture is drawn in software; its time begins with the call of the address.
+Chromium is driven by its own protocol, with nothing that listens in: a testing library would read every frame, too, and be measured.
+
+viser, if an interpreter that has it is named, is sent positions that were made ready before, each once its page has handed the last ones to
+WebGL, which draws nothing there either: no hand, no solve. `--minutes` drags so long without a stop and tells the page's memory.
 """
 
 import argparse
@@ -20,6 +23,7 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 from websockets.sync.client import connect
 
 from morphlet import write
@@ -32,6 +36,11 @@ from studio_browser.window import FLAGS, SIZE, program
 SECONDS, WARM_SECONDS, SETTLING_SECONDS, POLL_SECONDS = 6.0, 1.5, 0.8, 0.02
 PATIENCE_SECONDS = 120.0
 RADIUS_PX, STEPS = 60.0, 40
+PEER_START_SECONDS, PEER_WARM = 3.0, 5
+"""Until viser's page has its mesh; its updates that do not count."""
+LONG, PARTS = 30_000, 20
+"""Vertices of the mesh of a long drag; looks at the page's memory."""
+PICTURES = 5
 BEFORE = """
 for (const name of ["clear", "drawElements", "drawArrays"]) WebGL2RenderingContext.prototype[name] = () => {};
 const listen = WebSocket.prototype.addEventListener;
@@ -39,10 +48,25 @@ WebSocket.prototype.addEventListener = function (type, listener) {
     listen.call(this, type, (event) => { listener(event); if (type === "message") globalThis.afterMessage?.(); });
 };"""
 """Draws nothing; calls `afterMessage` after each message that the page has taken."""
+TAKEN = """
+globalThis.taken = -1;
+for (const name of ["bufferData", "bufferSubData"]) {
+    const plain = WebGL2RenderingContext.prototype[name];
+    WebGL2RenderingContext.prototype[name] = function (...told) {
+        for (const one of told) if (one instanceof Float32Array && one.length === LENGTH && Number.isInteger(one[0])) {
+            if (one[0] > globalThis.taken) { globalThis.taken = one[0]; globalThis.arrived?.(String(one[0])); }
+        }
+        return plain.apply(this, told);
+    };
+}"""
+"""Tells the driver which positions were handed to WebGL: their first coordinate is their number."""
 CIRCLES = """(async ({ x, y, warm, seconds, radius, steps }) => {
     const view = document.querySelector("[role=application]");
-    const newer = (before) => new Promise((done) => {
-        globalThis.afterMessage = () => globalThis.morphlet.updates("source") > before && done();
+    const answer = () => new Promise((done) => {
+        globalThis.afterMessage = () => {
+            const { told, answered } = globalThis.morphlet.moves();
+            if (answered >= told) done();
+        };
     });
     const mouse = { button: -1, buttons: 1, pointerId: 1, pointerType: "mouse", bubbles: true };
     const waits = [];
@@ -50,18 +74,16 @@ CIRCLES = """(async ({ x, y, warm, seconds, radius, steps }) => {
     for (let step = 1; performance.now() < begin + 1000 * (warm + seconds); step++) {
         const angle = (2 * Math.PI * step) / steps;
         const seen = { clientX: x + radius * Math.sin(angle), clientY: y - radius * (1 - Math.cos(angle)) };
-        const before = globalThis.morphlet.updates("source");
         const start = performance.now();
-        const there = newer(before);
         view.dispatchEvent(new PointerEvent("pointermove", { ...seen, ...mouse }));
-        await there;
+        await answer();
         if (start > begin + 1000 * warm) waits.push(performance.now() - start);
     }
     waits.sort((a, b) => a - b);
     const share = (part) => waits[Math.floor(part * waits.length)];
     return { per_second: (1000 * waits.length) / waits.reduce((a, b) => a + b, 0), median_ms: share(0.5), p95_ms: share(0.95) };
 })"""
-"""The pointer moves on as soon as the page has vertices newer than its last move: round trips, one after the other."""
+"""The pointer moves on as soon as the page has the vertices that answer its last move: round trips, one after the other."""
 
 
 class Tab:
@@ -74,11 +96,15 @@ class Tab:
         """Ask, and wait for the answer."""
         self.number += 1
         self.socket.send(json.dumps({"id": self.number, "method": method, "params": told}))
-        while (answer := json.loads(self.socket.recv(timeout=PATIENCE_SECONDS))).get("id") != self.number:
+        while (answer := self.heard()).get("id") != self.number:
             pass
         if "error" in answer:
             raise SystemExit(f"{method}: {answer['error']}")
         return answer["result"]
+
+    def heard(self) -> dict[str, Any]:
+        """The next message of the browser."""
+        return json.loads(self.socket.recv(timeout=PATIENCE_SECONDS))
 
     def ask(self, expression: str) -> Any:
         """The value of an expression in the page."""
@@ -130,8 +156,9 @@ def _tab_address(file: Path) -> str:
     return next(tab["webSocketDebuggerUrl"] for tab in tabs if tab["type"] == "page")
 
 
-def dragged(url: str) -> dict[str, float]:
-    """Take the gizmo with the mouse, move the pointer in circles; round trips per second."""
+@contextmanager
+def _gripped_tab(url: str) -> Iterator[tuple[Tab, dict[str, float]]]:
+    """A tab whose gizmo is held by the mouse, and where."""
     with chromium() as tab:
         tab.call("Page.enable")
         tab.call("Page.addScriptToEvaluateOnNewDocument", source=BEFORE)
@@ -145,10 +172,15 @@ def dragged(url: str) -> dict[str, float]:
         tab.mouse("mouseMoved", **tip)
         tab.mouse("mousePressed", **tip)
         tab.until("globalThis.morphlet.state().drag !== null")
-        told = tip | {"warm": WARM_SECONDS, "seconds": SECONDS, "radius": RADIUS_PX, "steps": STEPS}
-        found = tab.ask(f"{CIRCLES}({json.dumps(told)})")
+        yield tab, tip
         tab.mouse("mouseReleased", **tip)
-    return found
+
+
+def dragged(url: str) -> dict[str, float]:
+    """Take the gizmo with the mouse, move the pointer in circles; round trips per second."""
+    with _gripped_tab(url) as (tab, tip):
+        told = tip | {"warm": WARM_SECONDS, "seconds": SECONDS, "radius": RADIUS_PX, "steps": STEPS}
+        return tab.ask(f"{CIRCLES}({json.dumps(told)})")
 
 
 def first_picture(url: str) -> float:
@@ -160,34 +192,113 @@ def first_picture(url: str) -> float:
         return time.perf_counter() - began
 
 
-def measured(n: int, region: str) -> dict[str, float]:
-    """One line of the table."""
+def peer(python: str, n: int) -> dict[str, float]:
+    """viser: positions sent, each once the page has handed the last ones to WebGL."""
+    mesh = body(n)
+    with tempfile.TemporaryDirectory() as folder, chromium() as tab:
+        np.savez(Path(folder, "mesh.npz"), vertices=mesh.vertices, faces=mesh.faces)
+        call = [python, str(Path(__file__).with_name("studio_viser.py")), str(Path(folder, "mesh.npz"))]
+        with subprocess.Popen(call, stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True) as process:
+            try:
+                port, version = next(text.split()[1:] for text in process.stdout if text.startswith("peer "))
+                return _sent(tab, process, f"http://127.0.0.1:{port}/", n) | {"version": version}
+            finally:
+                process.kill()
+
+
+def _sent(tab: Tab, process: Any, url: str, n: int) -> dict[str, float]:
+    """Updates per second and their times."""
+    tab.call("Page.enable")
+    tab.call("Runtime.enable")
+    tab.call("Runtime.addBinding", name="arrived")
+    tab.call("Page.addScriptToEvaluateOnNewDocument", source=BEFORE + TAKEN.replace("LENGTH", str(3 * n)))
+    tab.call("Page.navigate", url=url)
+    waits, begin, number = [], 0.0, 0
+    tab.until("document.querySelector('canvas') !== null")
+    time.sleep(PEER_START_SECONDS)
+    while not begin or time.perf_counter() < begin + SECONDS:
+        number += 1
+        start = time.perf_counter()
+        process.stdin.write(f"{number}\n")
+        process.stdin.flush()
+        while (told := tab.heard()).get("method") != "Runtime.bindingCalled" or int(told["params"]["payload"]) < number:
+            pass
+        if number == PEER_WARM:
+            begin = time.perf_counter()
+        elif begin:
+            waits.append(time.perf_counter() - start)
+    waits.sort()
+    share = [1e3 * waits[int(part * len(waits))] for part in (0.5, 0.95)]
+    return {"per_second": len(waits) / sum(waits), "median_ms": share[0], "p95_ms": share[1]}
+
+
+def held(url: str, minutes: float) -> list[float]:
+    """Megabytes of the page's heap at every twentieth of a drag of so many minutes, after the garbage was collected."""
+    with _gripped_tab(url) as (tab, tip):
+        tab.call("HeapProfiler.enable")
+        found = []
+        for _ in range(PARTS + 1):
+            tab.call("HeapProfiler.collectGarbage")
+            usage = tab.call("Runtime.getHeapUsage")
+            found.append((usage["usedSize"] + usage.get("backingStorageSize", 0)) / 1e6)
+            if len(found) <= PARTS:
+                told = tip | {"warm": 0, "seconds": 60 * minutes / PARTS, "radius": RADIUS_PX, "steps": STEPS}
+                tab.ask(f"{CIRCLES}({json.dumps(told)})")
+    return found
+
+
+@contextmanager
+def prepared(n: int, region: str | None) -> Iterator[str]:
+    """The address of a server with a mesh, and a handle on it unless no region is named."""
     with tempfile.TemporaryDirectory() as folder:
         mesh = body(n)
         write(Path(folder, "mesh.ply"), mesh)
         with Running([Path(folder, "mesh.ply")], folder=Path(folder, "sessions")) as server:
             server.studio.worker.ask(lambda: None).result()
-            hand = Hand(server.url)
-            gripped(hand, mesh, region)
-            hand.ask("drag.cancel")
-            hand.close()
-            return dragged(server.url)
+            if region is not None:
+                hand = Hand(server.url)
+                gripped(hand, mesh, region)
+                hand.ask("drag.cancel")
+                hand.close()
+            yield server.url
+
+
+def measured(n: int, region: str) -> dict[str, float]:
+    """One line of the table."""
+    with prepared(n, region) as url:
+        return dragged(url)
 
 
 def main() -> None:
     """All figures."""
-    argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter).parse_args()
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--peer-python", help="an interpreter that has viser")
+    parser.add_argument("--minutes", type=float, default=0.0, help="of a drag without a stop, for the page's memory; nothing else then")
+    told = parser.parse_args()
     print(f"load {os.getloadavg()[0]:.1f}, {os.cpu_count()} cores")
-    print("| vertices | follows | updates/s | round trip ms (median, 95 %) |\n| --- | --- | --- | --- |")
+    if told.minutes:
+        with prepared(LONG, "region") as url:
+            found = held(url, told.minutes)
+        print(f"page's memory through {told.minutes:g} minutes: {', '.join(f'{size:.1f}' for size in found)} MB")
+        return
+    print("| vertices | follows | updates/s | round trip ms (median, 95 %) | load |\n| --- | --- | --- | --- | --- |")
     for n in SIZES:
         for region in ("region", "whole"):
-            found = measured(n, region)
-            print(f"| {n} | {region} | {found['per_second']:.1f} | {found['median_ms']:.1f}, {found['p95_ms']:.1f} |", flush=True)
-    with tempfile.TemporaryDirectory() as folder:
-        write(Path(folder, "mesh.ply"), body(FIRST_PICTURE))
-        with Running([Path(folder, "mesh.ply")], folder=Path(folder, "sessions")) as server:
-            server.studio.worker.ask(lambda: None).result()
-            print(f"first picture of {FIRST_PICTURE} vertices: {first_picture(server.url):.2f} s")
+            line(n, region, measured(n, region))
+        if told.peer_python:
+            found = peer(told.peer_python, n)
+            line(n, f"viser {found['version']}", found)
+    if not told.peer_python:
+        print("viser: not measured; name an interpreter that has it (--peer-python)")
+    with prepared(FIRST_PICTURE, None) as url:
+        times = sorted(first_picture(url) for _ in range(PICTURES))
+        print(f"first picture of {FIRST_PICTURE} vertices: {', '.join(f'{seconds:.2f}' for seconds in times)} s")
+
+
+def line(n: int, what: str, found: dict[str, float]) -> None:
+    """A line of the table."""
+    ways = f"{found['median_ms']:.1f}, {found['p95_ms']:.1f}"
+    print(f"| {n} | {what} | {found['per_second']:.1f} | {ways} | {os.getloadavg()[0]:.1f} |", flush=True)
 
 
 if __name__ == "__main__":

@@ -15,6 +15,8 @@ export interface Hook {
   /** What each vertex is, as the server's frames tell it. */
   roles(slot: Slot): number[];
   updates(slot: Slot): number;
+  /** Number of the last move of this page's hand, and of the move that the last frame of the source answers. */
+  moves(): { told: number; answered: number };
   pictures(): number;
   /** Whether a mesh has been drawn since it came. */
   drawn(slot: Slot): boolean;
@@ -35,6 +37,7 @@ export function installHook(session: Session, models: Models, stage: Stage, edit
     positions: (slot) => [...(surface(slot)?.positions ?? [])],
     roles: (slot) => [...(models[slot].value?.roles ?? [])],
     updates: (slot) => models[slot].value?.updates ?? 0,
+    moves: () => ({ told: edit.moves, answered: models.source.value?.seq ?? 0 }),
     pictures: () => stage.pictures,
     drawn: (slot) => stage.pictures > (since.get(slot) ?? Infinity),
     pixels(slot) {

@@ -2,6 +2,7 @@
 import "./styles/base.css";
 import "./styles/controls.css";
 import "./styles/layout.css";
+import { Camera } from "three";
 import { Cell } from "./cell";
 import { el, show } from "./dom";
 import { installHook } from "./hook";
@@ -24,7 +25,9 @@ import { matchShortcuts, matchWorkspace } from "./workspaces/match";
 import { morphShortcuts, morphWorkspace } from "./workspaces/morph";
 import { Tabs } from "./ui/tabs";
 import { Toasts } from "./ui/toasts";
+import { Body } from "./view/body";
 import { Stage } from "./view/stage";
+import { Surface } from "./view/surface";
 import type { View } from "./view/view";
 
 export type TabName = "edit" | "match" | "morph";
@@ -40,10 +43,12 @@ function opened(make: () => Stage): Stage {
 }
 
 const session = new Session(location);
+session.connection.open(); // what comes waits until all below is there
 const toasts = new Toasts();
 session.onFailure(({ needed, found, advice }) => toasts.warn(`Needed ${needed}; found ${found}.`, advice));
 
 const stage = opened(() => new Stage());
+stage.announce(new Body(Surface.none()).object, new Camera()); // while the mesh is on its way
 const models = new Models(session);
 const edit = new EditScene(stage, session, models);
 const match = new MatchScene(stage, session, models);
@@ -109,4 +114,3 @@ const VIEWS: Record<TabName, (slot: Slot) => View> = {
   morph: () => morph.view,
 };
 installHook(session, models, stage, edit, (slot) => VIEWS[tab.value](slot));
-session.connection.open();

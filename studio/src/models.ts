@@ -24,6 +24,8 @@ export class Model {
   images: Float32Array | null = null;
   /** Frames taken. */
   updates = 0;
+  /** Which move of a hand the last frame answers; 0 if none. */
+  seq = 0;
 
   constructor(mesh: number, surface: Surface, colours: Uint8Array | null) {
     this.mesh = mesh;
@@ -83,6 +85,7 @@ export class Models {
     if (!model || members === null) return;
     model.surface.move(members, frame.positions, frame.normals);
     model.updates += 1;
+    model.seq = frame.seq;
     this.#tell(frame.slot, "positions");
     if (!frame.distortion) return;
     model.distortion = spread(model.distortion, model.surface.count, members, frame.distortion);

@@ -49,6 +49,7 @@ export type Request =
   | { type: "pose.remove"; index: number }
   | { type: "marker.add"; source: number; target: number; label?: string }
   | { type: "marker.move"; index: number; slot: MeshSlot; vertex: number }
+  | { type: "marker.label"; index: number; label: string }
   | { type: "marker.remove"; index: number }
   | { type: "markers.clear" }
   | { type: "markers.take" }

@@ -11,7 +11,7 @@ from morphlet.editing.detail import Multiresolution
 from morphlet.editing.estimated import EstimatedRotations
 from morphlet.editing.falloff import Direct
 from morphlet.editing.guard import Guarded
-from morphlet.editing.linear import Laplacian
+from morphlet.editing.linear import DualLaplacian, Laplacian, SimilarityLaplacian
 from morphlet.editing.roi import Roi
 from morphlet.editing.script import EVERY, KEYS, METHODS, EditSpec, read_edit, read_spec
 from morphlet.editing.shell import Shell
@@ -62,6 +62,9 @@ def test_the_least_that_must_be_told():
         ("method = 'rotations'", EstimatedRotations()),
         ("method = 'laplacian'", Laplacian(order=1)),
         ("method = 'biharmonic'", Laplacian(order=2)),
+        ("method = 'similarity'", SimilarityLaplacian()),
+        ("method = 'dual'", DualLaplacian()),
+        ("method = 'dual'\niterations = 3", DualLaplacian(3)),
         ("method = 'direct'", Direct("gaussian")),
         ("method = 'direct'\nfalloff = 'literal'", Direct("literal")),
         ("method = 'mls'", MovingLeastSquares()),
@@ -77,7 +80,8 @@ def test_every_method(text, method):
 
 
 def test_all_methods_can_be_named():
-    assert set(METHODS) == set(EVERY) == {"arap", "rotations", "laplacian", "biharmonic", "direct", "mls", "ffd"}
+    named = {"arap", "rotations", "laplacian", "biharmonic", "similarity", "dual", "direct", "mls", "ffd"}
+    assert set(METHODS) == set(EVERY) == named
 
 
 def test_a_handle_as_a_ball_and_a_region_as_a_radius():
@@ -172,7 +176,10 @@ def test_copies_of_a_vertex_are_one():
     ("text", "message"),
     [
         ("handel = [1]", "'handel'; did you mean 'handle'?"),
-        ("iterations = 5", "needed known keys in lift.toml: method, handle, .*; found 'iterations'"),
+        ("passes = 5", "needed known keys in lift.toml: method, handle, .*; found 'passes'"),
+        ("iterations = 5", "keys for the method arap in lift.toml; found 'iterations', which is for dual; remove it"),
+        ("scale = 2\nmethod = 'dual'\niterations = 2.5", "needed an integer as iterations; found 2.5"),
+        ("method = 'similarity'\ndetail = 'multiresolution'", "keys for the method similarity in lift.toml; found 'detail'"),
         ("method = 'magic'\nscale = 2", "one of arap, .*, ffd as method in lift.toml; found 'magic'"),
         ("method = 'aarap'\nscale = 2", "did you mean 'arap'"),
         ("method = 'arap'\nscale = 2\nfalloff = 'gaussian'", "keys for the method arap in lift.toml; found 'falloff', which is for direct"),

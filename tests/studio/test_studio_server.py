@@ -5,6 +5,7 @@ import os
 import random
 import resource
 import signal
+import socket
 import subprocess
 import sys
 import time
@@ -412,6 +413,11 @@ def test_at_most_two_meshes(tmp_path):
 def test_an_address_that_is_taken_is_an_error(served, tmp_path):
     with pytest.raises(FileError, match=f"a free address 127.0.0.1:{served.port}"):
         Running(port=served.port, folder=tmp_path)
+
+
+def test_small_messages_wait_for_no_others(served):
+    """Of sockets that are not named TCP, asyncio leaves Nagle's algorithm on: 40 ms now and then."""
+    assert served.listening.proto == socket.IPPROTO_TCP
 
 
 def test_another_address_is_warned_of(tmp_path, monkeypatch):

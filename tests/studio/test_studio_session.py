@@ -16,6 +16,7 @@ from morphlet.studio.document import MOST_STEPS, Document, History
 from morphlet.studio.events import Event, Note
 from morphlet.studio.frames import Frame, Kind, Slot
 from morphlet.studio.messages import parse
+from morphlet.studio.methods import WAYS
 from morphlet.studio.session import Session
 from studio.shapes import egg, top
 
@@ -251,6 +252,17 @@ def test_poses_are_kept_and_saved_as_an_animation(told, tmp_path):
     assert [pose["name"] for pose in told.state["poses"]] == ["pose 2"]
 
 
+def test_a_marker_is_named_and_keeps_its_ends(tmp_path):
+    told = Told(tmp_path, egg(1), egg(1))
+    told.done("marker.add", source=3, target=7)
+    told.done("marker.label", index=0, label="nose, left")
+    assert told.state["markers"] == [{"source": 3, "target": 7, "label": "nose, left"}]
+    assert b'"nose, left"' in saving.pairs(told.session, {}).data
+    assert told.say("marker.label", index=1, label="x")["found"] == "1"
+    told.done("undo")
+    assert told.state["markers"][0]["label"] == ""
+
+
 def test_markers_can_be_moved_removed_and_undone(tmp_path):
     told = Told(tmp_path, egg(), egg(2))
     told.done("marker.add", source=5, target=7, label="nose")
@@ -413,6 +425,18 @@ def test_a_damaged_session_file_is_refused(told, change, match):
         told.session.read_session(json.dumps(content).encode())
 
 
+def replayed(folder: Path, told: Told) -> np.ndarray:
+    """What the calls of a session's script make."""
+    with zipfile.ZipFile(io.BytesIO(saving.script(told.session, {}).data)) as archive:
+        archive.extractall(folder)
+    calls = [line.split() for line in (folder / "replay.sh").read_text().splitlines() if line.startswith("morphlet")]
+    for call in calls:
+        words = [str(folder / word) if "." in word or word.startswith("edited") else word for word in call[1:]]
+        assert main([*words, "--quiet"]) == 0
+    result = folder / calls[-1][-1]
+    return read(result if result.is_file() else sorted(result.glob("frame-*"))[-1]).vertices
+
+
 def test_the_script_makes_the_same_mesh(tmp_path):
     told = Told(tmp_path, egg())
     told.lift(rotate=[np.sin(0.3), 0, 0, np.cos(0.3)])
@@ -422,25 +446,19 @@ def test_the_script_makes_the_same_mesh(tmp_path):
     told.done("paint", role="handle", mode="set", vertices=np.flatnonzero(egg().vertices[:, 1] > 1.0).tolist())
     told.done("paint", role="anchor", mode="set", vertices=np.flatnonzero(egg().vertices[:, 2] < -1).tolist())
     told.done("transform", transform={"translate": [0, 0.3, 0.1], "rotate": [0, 0, np.sin(1.6), np.cos(1.6)]})
-    with zipfile.ZipFile(io.BytesIO(saving.script(told.session, {}).data)) as archive:
-        archive.extractall(tmp_path)
-        assert sorted(archive.namelist()) == ["edit-01.toml", "edit-02.toml", "replay.sh"]
-    calls = [line.split() for line in (tmp_path / "replay.sh").read_text().splitlines() if line.startswith("morphlet")]
-    for call in calls:
-        words = [str(tmp_path / word) if "." in word or word.startswith("edited") else word for word in call[1:]]
-        assert main([*words, "--quiet"]) == 0
-    result = tmp_path / calls[-1][-1]
-    last = result if result.is_file() else sorted(result.glob("frame-*"))[-1]
-    assert np.abs(read(last).vertices - told.shape).max() < 1e-4
+    assert np.abs(replayed(tmp_path, told) - told.shape).max() < 1e-4
+    assert {path.name for path in tmp_path.glob("edit-*")} == {"edit-01.toml", "edit-02.toml"}
 
 
-def test_a_method_without_a_name_in_scripts_says_so(told):
-    told.lift()
-    told.done("method", name="dual")
-    from morphlet.studio.messages import Refusal
-
-    with pytest.raises(Refusal, match="a method that a script can name"):
-        saving.script(told.session, {})
+@pytest.mark.parametrize("method", [name for name in WAYS if name not in ("arap", "biharmonic")])
+def test_a_script_has_a_name_for_every_method(tmp_path, method):
+    told = Told(tmp_path, egg(2))
+    options = {"dual": {"iterations": 2}}.get(method, {})
+    told.done("method", name=method, options=options, weight=3.0 if WAYS[method].soft else None)
+    told.done("paint", role="handle", mode="set", vertices=top(egg(2)))
+    told.done("transform", transform={"translate": [0.1, 0, 0.2]})
+    assert np.abs(told.shape - egg(2).vertices).max() > 0.01
+    assert np.abs(replayed(tmp_path, told) - told.shape).max() < 1e-4
 
 
 def test_seams_move_together_and_indices_are_the_files(tmp_path):
@@ -474,6 +492,37 @@ def test_every_step_is_written_beside_and_taken_up_again(tmp_path):
     assert other.state["markers"] == told.state["markers"]
     assert other.state["recoverable"] == []
     assert other.say("recover", name="../../etc")["code"] == "field"
+
+
+def test_steps_can_be_undone_and_redone_after_two_crashes(tmp_path):
+    told = Told(tmp_path, egg(2), egg(1))
+    told.done("paint", role="handle", mode="set", vertices=top(egg(2)))
+    told.done("transform", transform=UP)
+    told.done("marker.add", source=1, target=2)
+    shapes = [told.shape]
+    for name in ("laplacian", "biharmonic"):
+        told.done("method", name=name)
+        shapes.append(told.shape)
+    told.done("undo")
+    for _ in range(2):
+        told.session.folder.lock.close()  # as if the process had ended
+        told = Told(tmp_path)
+        told.done("recover", name=told.state["recoverable"][0]["name"])
+        assert told.state["history"] == {"undo": "method", "redo": "method"}
+        assert np.array_equal(told.shape, shapes[1])
+    told.done("redo")
+    assert np.array_equal(told.shape, shapes[2])
+    told.done("undo")
+    told.done("undo")
+    assert np.array_equal(told.shape, shapes[0])
+    assert [marker["label"] for marker in told.state["markers"]] == [""]
+    told.done("undo")
+    assert told.state["markers"] == []
+    told.done("undo")
+    assert np.array_equal(told.shape, egg(2).vertices)
+    told.done("undo")
+    assert told.state["edit"]["handle"]["count"] == 0
+    assert told.say("undo")["code"] == "order"
 
 
 def test_edits_of_a_mesh_that_was_exchanged_are_kept_aside(tmp_path):
@@ -560,6 +609,25 @@ def test_the_newest_task_of_a_key_replaces_the_older_one():
         pass
     worker.close()
     assert seen == ["first", 4, "t"]
+
+
+def test_a_hand_that_moves_is_not_held_up_by_refinement(monkeypatch):
+    from morphlet.studio import worker as module
+
+    monkeypatch.setattr(module, "PAUSE_SECONDS", 10.0)
+    seen, moved = [], threading.Event()
+    worker = module.Worker(lambda: seen.append("refined"), print)
+    worker.ask(lambda: None).result(10)
+    while not seen:
+        pass
+    seen.clear()
+    for _ in range(3):
+        moved.clear()
+        worker.put_newest("drag", lambda: (seen.append("moved"), moved.set()))
+        assert moved.wait(10)
+    worker.ask(lambda: None).result(10)
+    worker.close()
+    assert seen[:3] == ["moved"] * 3
 
 
 def test_a_fault_in_a_task_is_told_and_the_worker_goes_on():

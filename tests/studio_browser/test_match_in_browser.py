@@ -71,6 +71,19 @@ def test_markers_are_added_dragged_and_removed(view, meshes):
     view.until(lambda: view.state["markers"] == [])
 
 
+def test_a_marker_is_given_a_name_by_keys(view, meshes):
+    marked(view, seen(view, PLACES[0])[0], seen(view, PLACES[0], slot="target")[0])
+    label = view.page.get_by_label("Label of pair 1")
+    label.fill("nose")
+    label.press("Tab")
+    view.until(lambda: view.state["markers"][0]["label"] == "nose")
+    view.button("Remove nose").wait_for()
+    assert view.page.evaluate("document.activeElement.title") == "Remove nose"
+    view.page.keyboard.press("Control+z")
+    view.until(lambda: view.state["markers"][0]["label"] == "")
+    view.until(lambda: label.input_value() == "")
+
+
 def test_a_first_click_can_be_dropped(view):
     view.page.mouse.click(*view.pixel(seen(view, PLACES[0])[0]))
     assert "mesh B" in view.page.locator(".place:not([hidden]) .guide").inner_text()

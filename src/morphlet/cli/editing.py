@@ -21,8 +21,8 @@ def deform(mesh: Path, spec: Path, /, *, output: Output, film: Film = FILM, comm
 
     handle = [1, 2, 3] or {center = [x, y, z], radius = "5%"}; anchors = [7, 8] or roi = {radius = "30%", metric = "geodesic"}; translate,
     rotate = {axis, degrees, center}, scale, or targets, or path = [{translate = ...}, ...]; method = "arap", "rotations", "laplacian",
-    "biharmonic", "direct" (falloff), "mls" ([mls] kind, alpha) or "ffd" ([ffd] lattice, basis); weight for a soft handle; for arap also
-    smoothing = 2e-4, volume = true, guard = "self-intersection"; detail = "multiresolution".
+    "biharmonic", "similarity", "dual" (iterations), "direct" (falloff), "mls" ([mls] kind, alpha) or "ffd" ([ffd] lattice, basis); weight
+    for a soft handle; for arap also smoothing = 2e-4, volume = true, guard = "self-intersection"; detail = "multiresolution".
 
     Parameters
     ----------

@@ -4,7 +4,7 @@ Vertices are numbered as in the mesh's file. Lengths are in mesh units, or texts
 told from rest: it scales about a centre, then turns about it, then shifts.
 
 ``method``
-    arap (if left out), rotations, laplacian, biharmonic, direct, mls, ffd.
+    arap (if left out), rotations, laplacian, biharmonic, similarity, dual, direct, mls, ffd.
 ``handle``
     Vertex numbers, or ``{center = [x, y, z], radius = r}``.
 ``anchors``
@@ -18,7 +18,7 @@ told from rest: it scales about a centre, then turns about it, then shifts.
 ``path``
     Instead of these, a list of tables that each hold such a motion: a frame for each.
 ``weight``
-    How hard the handle is held (arap, rotations, laplacian, biharmonic); exactly if left out.
+    How hard the handle is held (arap, rotations, laplacian, biharmonic, similarity, dual); exactly if left out.
 ``smoothing``
     How strongly the rotations of neighbours are drawn together (arap): 0.02 makes bends soft.
 ``volume = true``
@@ -27,6 +27,8 @@ told from rest: it scales about a centre, then turns about it, then shifts.
     Give the surface a thickness and do not let it run through itself (arap, with or without volume, not with smoothing).
 ``detail = "multiresolution"``
     Take the fine detail off before, and put it back turned (arap, rotations, laplacian, biharmonic).
+``iterations``
+    How often the details are laid on the normals of the deformed surface (dual): 0 if left out.
 ``falloff``
     gaussian, literal, wendland (direct).
 ``[mls]``, ``[ffd]``
@@ -51,7 +53,7 @@ from morphlet.editing.detail import Multiresolution
 from morphlet.editing.estimated import EstimatedRotations, handle_turns
 from morphlet.editing.falloff import Direct
 from morphlet.editing.guard import Guarded
-from morphlet.editing.linear import Laplacian
+from morphlet.editing.linear import DualLaplacian, Laplacian, SimilarityLaplacian
 from morphlet.editing.method import Method, Pull
 from morphlet.editing.roi import Roi, vertices_within
 from morphlet.editing.shell import Shell
@@ -66,18 +68,21 @@ DEFAULT = "arap"
 SHOWN = 60
 """Letters of a value in a message."""
 GUARD, DETAIL = "self-intersection", "multiresolution"
-HELD = ("arap", "rotations", "laplacian", "biharmonic")
+DETAILED = ("arap", "rotations", "laplacian", "biharmonic")
+"""Methods that can be laid on a smooth base."""
+SOFT = (*DETAILED, "similarity", "dual")
 """Methods that can hold a handle softly."""
 MOTION = ("translate", "rotate", "scale")
 MOVES = (*MOTION, "targets")
 """What a motion, or a frame of a path, is told by."""
-EVERY = (*HELD, "direct", "mls", "ffd")
+EVERY = (*SOFT, "direct", "mls", "ffd")
 KEYS = dict.fromkeys(("method", "handle", "anchors", "roi", *MOVES, "path"), EVERY) | {
-    "weight": HELD,
-    "detail": HELD,
+    "weight": SOFT,
+    "detail": DETAILED,
     "smoothing": ("arap",),
     "volume": ("arap",),
     "guard": ("arap",),
+    "iterations": ("dual",),
     "falloff": ("direct",),
     "mls": ("mls",),
     "ffd": ("ffd",),
@@ -327,6 +332,8 @@ METHODS: dict[str, Callable[[Table], Method]] = {
     "rotations": lambda table: EstimatedRotations(),
     "laplacian": lambda table: Laplacian(order=1),
     "biharmonic": lambda table: Laplacian(order=2),
+    "similarity": lambda table: SimilarityLaplacian(),
+    "dual": lambda table: DualLaplacian(_count(table, "iterations", DualLaplacian.iterations)),
     "direct": _falloff,
     "mls": _moving,
     "ffd": _lattice,
@@ -373,6 +380,14 @@ def _number(table: Table, key: str) -> float:
     if isinstance(value, bool) or not isinstance(value, int | float) or not math.isfinite(value):
         raise InputError(f"a number as {key}", _shown(value), "correct it")
     return float(value)
+
+
+def _count(table: Table, key: str, default: int) -> int:
+    """An integer."""
+    value = table.get(key, default)
+    if isinstance(value, bool) or not isinstance(value, int):
+        raise InputError(f"an integer as {key}", _shown(value), "correct it")
+    return value
 
 
 def _vector(table: Table, key: str) -> Float[np.ndarray, "3"]:

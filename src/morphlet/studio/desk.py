@@ -21,7 +21,7 @@ from morphlet.studio.frames import WITH_COLORS, Frame, Kind, Slot
 from morphlet.studio.grasp import Figures, Grasp, Part
 from morphlet.studio.messages import Refusal
 from morphlet.studio.methods import Choice
-from morphlet.studio.model import Model, normals
+from morphlet.studio.model import Model
 from morphlet.studio.motion import Mirror, Motion
 
 NO_FIGURES: Figures = dict.fromkeys(("frame_ms", "iterations", "energy", "rate", "volume_change", "edge_strain"))
@@ -95,9 +95,9 @@ class Desk:
             self.emit(mesh_frame(model, Slot.SOURCE, model.mesh.vertices))
         self._changed()
 
-    def restore(self, document: Document) -> None:
-        """Take up a document of this mesh."""
-        self.history.clear(document)
+    def restore(self, history: History) -> None:
+        """Take up what was made of this mesh."""
+        self.history.resume(history)
         self._changed()
 
     def idle_hands(self) -> None:
@@ -370,7 +370,7 @@ class Desk:
 
 def mesh_frame(model: Model, slot: Slot, positions: Float[np.ndarray, "n 3"]) -> Frame:
     """Positions, normals, faces and colours of a mesh."""
-    shading = model.spread(normals(positions, model.mesh.faces))
+    shading = model.normals(positions)
     faces, placed = model.faces.astype(np.uint32), model.placed(positions).astype(np.float32)
     colors = [] if model.colors is None else [model.colors]
     return Frame(

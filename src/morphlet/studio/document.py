@@ -3,7 +3,9 @@
 Everything that undo can bring back is in the `Document`; what can be computed from it is not.
 """
 
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
+from typing import Any
 
 import numpy as np
 from jaxtyping import Float
@@ -24,6 +26,11 @@ class Marker:
     source: int
     target: int
     label: str = ""
+
+    @property
+    def ends(self) -> tuple[int, int]:
+        """Its vertices."""
+        return self.source, self.target
 
 
 @dataclass(frozen=True, eq=False)
@@ -69,6 +76,14 @@ class Document:
         source, target = (np.array([getattr(one, side) for one in self.markers], np.int64) for side in ("source", "target"))
         return VertexPairs(source, target, labels=tuple(one.label for one in self.markers))
 
+    def document(self) -> "Document":
+        """Itself."""
+        return self
+
+    def unmarked(self) -> "Document":
+        """The same without markers."""
+        return replace(self, markers=())
+
     def arrays(self) -> dict[int, np.ndarray]:
         """Its arrays by identity: documents share most of theirs."""
         edits = [*self.finished, *([] if self.edit is None else [self.edit]), *(edit for pose in self.poses for edit in pose.edits)]
@@ -76,18 +91,50 @@ class Document:
         return {id(array): array for array in found}
 
 
+@dataclass(frozen=True, eq=False)
+class Later:
+    """A document of a session that was taken up again: made once a person goes back to it.
+
+    Parameters
+    ----------
+    told
+        What its file tells of it, its edits at full length.
+    make
+        Makes it.
+    """
+
+    told: Mapping[str, Any]
+    make: Callable[[Mapping[str, Any]], Document]
+
+    def document(self) -> Document:
+        """It, made."""
+        return self.make(self.told)
+
+    def unmarked(self) -> "Later":
+        """The same without markers."""
+        return Later({**self.told, "markers": ()}, self.make)
+
+
+Step = tuple[str, Document | Later]
+"""A name, and the document on its other side."""
+
+
 @dataclass(eq=False)
 class History:
     """The document now, and the ones that undo and redo go to, each with the name of the step between."""
 
     now: Document = field(default_factory=Document)
-    past: list[tuple[str, Document]] = field(default_factory=list)
-    future: list[tuple[str, Document]] = field(default_factory=list)
+    past: list[Step] = field(default_factory=list)
+    future: list[Step] = field(default_factory=list)
     _before: Document | None = None
 
     def clear(self, document: Document) -> None:
         """Begin anew."""
         self.now, self.past, self.future, self._before = document, [], [], None
+
+    def resume(self, other: "History") -> None:
+        """Go on with another one."""
+        self.now, self.past, self.future, self._before = other.now, other.past, other.future, None
 
     def show(self, document: Document) -> None:
         """A preview: what was there before it is what undo goes back to."""
@@ -110,9 +157,9 @@ class History:
     def unmark(self) -> None:
         """Forget markers, those of all steps, too: one of their meshes was exchanged."""
         self.settle("preview")
-        self.now = replace(self.now, markers=())
+        self.now = self.now.unmarked()
         for steps in (self.past, self.future):
-            steps[:] = [(label, replace(document, markers=())) for label, document in steps]
+            steps[:] = [(label, one.unmarked()) for label, one in steps]
 
     def undo(self) -> bool:
         """Go back a step, or from a preview; False if there is none."""
@@ -123,10 +170,12 @@ class History:
         """Go forth a step; False if there is none."""
         return self._go(self.future, self.past)
 
-    def _go(self, source: list[tuple[str, Document]], other: list[tuple[str, Document]]) -> bool:
+    def _go(self, source: list[Step], other: list[Step]) -> bool:
         if not source:
             return False
-        label, document = source.pop()
+        label, there = source[-1]
+        document = there.document()
+        source.pop()
         other.append((label, self.now))
         self.now = document
         return True
@@ -134,6 +183,6 @@ class History:
     def _size(self) -> int:
         """Bytes of all documents' arrays, each counted once."""
         every: dict[int, np.ndarray] = {}
-        for _, document in self.past:
-            every |= document.arrays()
+        for _, one in self.past:
+            every |= one.arrays() if isinstance(one, Document) else {}
         return sum(array.nbytes for array in every.values())

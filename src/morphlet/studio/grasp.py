@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 from functools import cached_property
 
 import numpy as np
-from jaxtyping import Float, Int
+from jaxtyping import Float, Int, Int32
 
 from morphlet import metrics
 from morphlet.editing.editor import RoiEditor
@@ -19,9 +19,9 @@ from morphlet.errors import InputError
 from morphlet.numerics.optimize import Step
 from morphlet.studio.edits import Edit
 from morphlet.studio.frames import ALL, WITH_DISTORTION, Frame, Kind, Slot
-from morphlet.studio.kernels import shaded, stretched
+from morphlet.studio.kernels import apart, shaded, stretched
 from morphlet.studio.methods import continues, shortened
-from morphlet.studio.model import Model
+from morphlet.studio.model import Model, in_order
 from morphlet.surface.mesh import Mesh, Topology
 
 MOST_OF_IT = 0.6
@@ -45,7 +45,7 @@ class Part:
     inside
         Vertices of the welded mesh that are needed, ascending: all of those faces that have a vertex in the frame.
     faces
-        These faces, in places of `inside`.
+        These faces, in places of `inside`, neighbours one after the other.
     rows
         Vertices of the file in the frame.
     places
@@ -56,7 +56,7 @@ class Part:
 
     model: Model
     inside: Int[np.ndarray, "p"]
-    faces: Int[np.ndarray, "m 3"]
+    faces: Int32[np.ndarray, "m 3"]
     rows: Int[np.ndarray, "r"]
     places: Int[np.ndarray, "r"]
     subset: int
@@ -66,7 +66,7 @@ class Part:
         """All of it."""
         every = np.arange(model.mesh.n_vertices)
         rows = np.arange(model.n_vertices)
-        return Part(model, every, np.array(model.mesh.faces), rows, model.welded.vertex_map[rows], ALL)
+        return Part(model, every, model.faces_in_order, rows, model.welded.vertex_map[rows], ALL)
 
     @staticmethod
     def around(model: Model, moving: Int[np.ndarray, "k"], number: int) -> "Part":
@@ -80,7 +80,7 @@ class Part:
         place = np.full(n, -1)
         place[inside] = np.arange(len(inside))
         rows = np.flatnonzero(shown[model.welded.vertex_map])
-        return Part(model, inside, place[own], rows, place[model.welded.vertex_map[rows]], number)
+        return Part(model, inside, in_order(place[own]), rows, place[model.welded.vertex_map[rows]], number)
 
     def announced(self) -> Frame:
         """Which vertices the frames of this part show."""
@@ -99,10 +99,10 @@ class Part:
 
     def frame(self, positions: Float[np.ndarray, "n 3"], seq: int, with_distortion: bool) -> tuple[Frame, float]:
         """The frame of some positions, and six times the cone's volume."""
-        own = positions[self.inside] if self.subset else positions if positions.flags.writeable else np.array(positions)
-        shading = np.empty((len(own), 3), np.float32)
-        cone = shaded(own, self.faces, self._sums, shading)
-        arrays = [self._placed(own), self._taken(shading)]
+        own = positions[self.inside] if self.subset else _writable(positions)
+        shown, shading = np.empty((2, len(own), 3), np.float32)
+        cone = shaded(own, self.faces, self._sums, shown, shading)
+        arrays = [self._taken(shown) if self.model.alike else self._placed(own), self._taken(shading)]
         if with_distortion:
             stretch = np.empty(len(own), np.float32)
             stretched(own, self._faces_before, self.faces, self._sums, stretch)
@@ -115,9 +115,7 @@ class Part:
         return values if self.model.alike and not self.subset else values[self.places]
 
     def _placed(self, own: Float[np.ndarray, "p 3"]) -> np.ndarray:
-        """Positions of the frame's vertices, in single precision."""
-        if self.model.alike:
-            return self._taken(own).astype(np.float32)
+        """Positions of the frame's vertices, in single precision, as far from the welded ones as in the file."""
         before = self.model.welded.source.vertices[self.rows] - self._faces_before[self.places]
         return (own[self.places] + before).astype(np.float32)
 
@@ -199,22 +197,14 @@ class Grasp:
 
     def quick(self, positions: Float[np.ndarray, "n 3"], cone: float) -> Figures:
         """What can be told of each frame: rate (Eq. 12's displacement) and change of volume since the file."""
-        moving, before = self._moving, self._volumes[0]
-        apart = positions[moving] - self._rest
-        way = float(np.sqrt(np.einsum("kd,kd->k", apart, apart)).mean())
+        before, way = self._volumes[0], apart(_writable(positions), *self._rest)
         change = metrics.signed_percent(self._volumes[1] + (cone - self._volumes[2]) / 6, before)
         return {"rate": None if self._gap is None else 100 * way / self._gap, "volume_change": change if np.isfinite(change) else None}
 
     @cached_property
-    def _moving(self) -> Int[np.ndarray, "k"] | slice:
-        """The vertices that move, without a list where all do."""
-        every = len(self.roi.moving) == self.roi.mesh.n_vertices
-        return slice(None) if every else self.roi.moving
-
-    @cached_property
-    def _rest(self) -> Float[np.ndarray, "k 3"]:
-        """Where they were before."""
-        return np.ascontiguousarray(self.roi.mesh.vertices[self._moving])
+    def _rest(self) -> tuple[Float[np.ndarray, "n 3"], Int[np.ndarray, "k"]]:
+        """The mesh before, and which of its vertices move."""
+        return np.array(self.roi.mesh.vertices), np.array(self.roi.moving)
 
     @cached_property
     def _volumes(self) -> tuple[float, float, float]:
@@ -236,6 +226,11 @@ class Grasp:
     def _patch(self, positions: Float[np.ndarray, "n 3"]) -> Mesh:
         """The faces around the region."""
         return Mesh(positions[self.part.inside], self._topology)
+
+
+def _writable(positions: Float[np.ndarray, "n 3"]) -> Float[np.ndarray, "n 3"]:
+    """As kernels want them: read-only arrays would be compiled for once more."""
+    return positions if positions.flags.writeable else np.array(positions)
 
 
 def _touching(faces: Int[np.ndarray, "m 3"], vertices: Int[np.ndarray, "k"], n: int) -> np.ndarray:

@@ -316,6 +316,7 @@ MESSAGES: dict[str, dict[str, Field]] = {
     "pose.remove": {"index": VERTEX},
     "marker.add": {"source": VERTEX, "target": VERTEX, "label": Field(text, "")},
     "marker.move": {"index": VERTEX, "slot": SLOT, "vertex": VERTEX},
+    "marker.label": {"index": VERTEX, "label": Field(text)},
     "marker.remove": {"index": VERTEX},
     "markers.clear": {},
     "markers.take": {},

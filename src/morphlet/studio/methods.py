@@ -1,6 +1,6 @@
 """The ways of deforming that a page can choose from, with the options that it may set.
 
-All but two are told as `morphlet deform` is told them, and made by it: what the studio does, a script does again.
+All are told as `morphlet deform` is told them, and made by it: what the studio does, a script does again.
 """
 
 from collections.abc import Callable, Mapping
@@ -10,9 +10,8 @@ from typing import Any, TypeGuard, get_args
 from morphlet.editing.arap import Arap, PreparedArap
 from morphlet.editing.detail import Multiresolution
 from morphlet.editing.falloff import Falloff
-from morphlet.editing.linear import DualLaplacian, SimilarityLaplacian
 from morphlet.editing.method import Method, Prepared
-from morphlet.editing.script import DETAIL, GUARD, HELD, METHODS
+from morphlet.editing.script import DETAIL, GUARD, METHODS, SOFT
 from morphlet.editing.space import Basis, Kind, Lattice, MovingLeastSquares
 from morphlet.studio.messages import Checked, Field, Refusal, choice, fields, flag, number, shown, whole, wrong
 
@@ -107,26 +106,12 @@ class Choice:
 
     def method(self) -> Method:
         """The method itself."""
-        if self.name == "similarity":
-            return SimilarityLaplacian()
-        if self.name == "dual":
-            return DualLaplacian(self.options["iterations"])
         table = self.script()
         made = METHODS[self.name](table)
         return Multiresolution(made) if "detail" in table else made
 
     def script(self) -> dict[str, Any]:
-        """How a `deform` file tells it.
-
-        Raises
-        ------
-        Refusal
-            If such a file has no name for the method.
-        """
-        if self.name not in METHODS:
-            raise Refusal(
-                "input", f"a method that a script can name: {', '.join(METHODS)}", self.name, "choose one of these and export again"
-            )
+        """How a `deform` file tells it."""
         told = {"method": self.name} | ({} if self.weight is None else {"weight": self.weight})
         return told | _SCRIPTS[self.name](self.options)
 
@@ -197,8 +182,6 @@ def _held(options: Told) -> dict[str, Any]:
     return {"detail": DETAIL} if options["detail"] else {}
 
 
-SOFT = (*HELD, "similarity", "dual")
-"""Methods that can hold a handle softly."""
 MOST_CONTROLS, MOST_SMOOTHING, MOST_ALPHA, MOST_PASSES = 12, 1.0, 10.0, 20
 """Bounds of options: a lattice of 12 x 12 x 12 takes 72 MB."""
 _DETAIL = Option("detail", "Keep fine detail apart", False)
@@ -207,6 +190,8 @@ _SCRIPTS: dict[str, Callable[[Told], dict[str, Any]]] = {
     "rotations": _held,
     "laplacian": _held,
     "biharmonic": _held,
+    "similarity": lambda options: {},
+    "dual": lambda options: {"iterations": options["iterations"]},
     "direct": lambda options: {"falloff": options["falloff"]},
     "mls": lambda options: {"mls": {"kind": options["kind"], "alpha": options["alpha"]}},
     "ffd": lambda options: {"ffd": {"lattice": list(options["lattice"]), "basis": options["basis"]}},

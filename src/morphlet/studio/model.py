@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from jaxtyping import Float, Int, UInt8
+from jaxtyping import Float, Float32, Int, Int32, UInt8
 
 from morphlet import _arrays
 from morphlet.errors import InputError
@@ -135,13 +135,22 @@ class Model:
         """Positions of the file's vertices."""
         return positions if self.alike else self.spread(positions) + (0.0 if self._apart is None else self._apart)
 
+    @cached_property
+    def faces_in_order(self) -> Int32[np.ndarray, "f 3"]:
+        """Faces of the welded mesh, neighbours one after the other."""
+        return in_order(self.mesh.faces)
+
+    def normals(self, positions: Float[np.ndarray, "w 3"]) -> Float32[np.ndarray, "n 3"]:
+        """Unit normals of the file's vertices, zero in no face."""
+        shown, out = np.empty((2, len(positions), 3), np.float32)
+        shaded(np.array(positions), self.faces_in_order, np.empty((len(positions), 3)), shown, out)
+        return self.spread(out)
+
     def shape(self, positions: Float[np.ndarray, "w 3"]) -> Mesh:
         """The mesh of the file at other positions."""
         return self.welded.source.with_vertices(self.placed(positions))
 
 
-def normals(positions: Float[np.ndarray, "n 3"], faces: Int[np.ndarray, "m 3"]) -> Float[np.ndarray, "n 3"]:
-    """Unit normals of vertices in single precision, zero in no face."""
-    out = np.empty((len(positions), 3), np.float32)
-    shaded(np.array(positions), np.array(faces), np.empty((len(positions), 3)), out)
-    return out
+def in_order(faces: Int[np.ndarray, "m 3"]) -> Int32[np.ndarray, "m 3"]:
+    """Faces by their least vertex: neighbours follow each other, as the kernels like it."""
+    return np.ascontiguousarray(faces[np.argsort(faces.min(axis=1), kind="stable")], np.int32)

@@ -23,7 +23,7 @@ from morphlet.studio.events import Emit, Note
 from morphlet.studio.frames import LAID, Frame, Kind, Slot
 from morphlet.studio.jobs import Job
 from morphlet.studio.messages import Refusal
-from morphlet.studio.model import Model, normals
+from morphlet.studio.model import Model
 from morphlet.surface.mesh import Mesh
 from morphlet.surface.pairs import VertexPairs
 from morphlet.surface.repair import Repaired, close
@@ -164,6 +164,11 @@ class Pairing:
         changed = replace(old, source=vertex) if slot == "source" else replace(old, target=vertex)
         self._mark("move marker", (*self.markers[:index], self._checked(changed), *self.markers[index + 1 :]))
 
+    def name(self, index: int, label: str) -> None:
+        """Another label for a pair."""
+        named = replace(self._marker(index), label=label)
+        self._mark("name marker", (*self.markers[:index], named, *self.markers[index + 1 :]))
+
     def remove(self, index: int) -> None:
         """One pair less."""
         self._marker(index)
@@ -270,7 +275,7 @@ class Pairing:
 
     def _current(self, match: Match) -> bool:
         """Whether shapes and markers are still those that it was made for."""
-        if self.desk.model is None or match.markers != self.markers:
+        if self.desk.model is None or [one.ends for one in match.markers] != [one.ends for one in self.markers]:
             return False
         return bool(np.array_equal(match.result.source_map.mesh.vertices, self.desk.model.placed(self.desk.edit.shape)))
 
@@ -304,7 +309,7 @@ class Pairing:
         """The morph's mesh, or a frame of it."""
         model, positions = self.desk.opened, self._travelling().positions(self.time)
         welded = positions if model.alike else positions[model.welded.source_vertices]
-        shading, placed = model.spread(normals(welded, model.mesh.faces)), positions.astype(np.float32)
+        shading, placed = model.normals(welded), positions.astype(np.float32)
         if kind == Kind.FRAME:
             return Frame(kind, Slot.MORPH, self.number, (placed, shading), len(placed), seq=seq)
         faces = model.faces.astype(np.uint32)

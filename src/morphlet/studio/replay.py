@@ -26,13 +26,7 @@ HEAD = "#!/bin/sh\n# Makes again what was made in the studio; run it in a folder
 
 
 def specification(edit: Edit, model: Model) -> dict[str, Any]:
-    """An edit as the table that a `deform` file holds.
-
-    Raises
-    ------
-    Refusal
-        If `deform` has no name for its method.
-    """
+    """An edit as the table that a `deform` file holds."""
     roi = edit.region(model.mesh.with_vertices(edit.rest))
     told = edit.choice.script() | {"handle": model.outside(roi.handle).tolist()}
     if edit.plain:

@@ -236,7 +236,7 @@ def _own_names() -> list[str]:
 def _listening(host: str, port: int) -> socket.socket:
     """A socket that listens there."""
     family = socket.AF_INET6 if ":" in host else socket.AF_INET
-    opened = socket.socket(family, socket.SOCK_STREAM)
+    opened = socket.socket(family, socket.SOCK_STREAM, socket.IPPROTO_TCP)  # named, or asyncio lets small messages wait for others
     try:
         if sys.platform != "win32":  # where it would let another program take the address
             opened.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)

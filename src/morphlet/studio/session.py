@@ -162,8 +162,7 @@ class Session:
     def read_session(self, text: bytes) -> None:
         """Take up a saved session of the meshes that are open."""
         self.desk.idle_hands()
-        document = sessionfile.restored(sessionfile.read_back(text), self.desk.model, self.pairing.target)
-        self.desk.restore(document)
+        self.desk.restore(sessionfile.restored(sessionfile.read_back(text), self.desk.model, self.pairing.target))
         self._told_and_written()
 
     def recover(self, name: str) -> None:
@@ -206,7 +205,7 @@ class Session:
         """Write the session beside."""
         content = self.history.now, self.desk.model, self.pairing.target
         if content[1:] != (None, None) and content != self._stored:
-            self.folder.write(sessionfile.written(*content))
+            self.folder.write(sessionfile.written(*content, self.history))
             self._stored = content
         self._written = time.monotonic()
 
@@ -362,6 +361,7 @@ COMMANDS: dict[str, Callable[[Session, Message, int], None]] = {
     "pose.remove": lambda s, m, client: s.desk.drop(m["index"]),
     "marker.add": lambda s, m, client: s.pairing.add(Marker(m["source"], m["target"], m["label"])),
     "marker.move": lambda s, m, client: s.pairing.move(m["index"], m["slot"], m["vertex"]),
+    "marker.label": lambda s, m, client: s.pairing.name(m["index"], m["label"]),
     "marker.remove": lambda s, m, client: s.pairing.remove(m["index"]),
     "markers.clear": lambda s, m, client: s.pairing.take((), "clear markers"),
     "markers.take": lambda s, m, client: s.pairing.take_matched(),

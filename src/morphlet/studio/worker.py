@@ -9,6 +9,10 @@ from typing import Any, TypeVar
 T = TypeVar("T")
 Task = Callable[[], object]
 
+PAUSE_SECONDS = 0.06
+"""After a place of a hand, until there is time for anything but the next one: refinement that had begun would hold that one up.
+Between two places of a hand that moves lie a screen's picture (17 ms) and the way of a frame to the page."""
+
 
 class Worker:
     """A thread that does tasks in order; a task with a key replaces the one with the same key that still waits.
@@ -83,13 +87,16 @@ class Worker:
         self._thread.join()
 
     def _run(self) -> None:
-        restless = True
+        restless, moved = True, False
         while True:
             with self._awake:
+                if moved and not self._tasks and not self._newest and self._open:
+                    self._awake.wait(PAUSE_SECONDS)
                 while not self._tasks and not self._newest and not restless and self._open:
                     self._awake.wait()
                 if not self._open and not self._tasks:
                     return
+                moved = not self._tasks and bool(self._newest)
                 task = self._next()
             try:
                 restless = self._idle() if task is None else _did(task)

@@ -1,12 +1,14 @@
 /** The Match tab: the two meshes, markers, regions, the correspondence and its figures. */
 import { el, show } from "../dom";
-import type { MeshSlot, State } from "../protocol";
+import type { MeshSlot, Pair, State } from "../protocol";
 import type { MatchColours, MatchScene, Shown } from "../scenes/match";
 import type { Session } from "../session";
 import { button, choice, section, toggle } from "../ui/controls";
 import { qualitativeHex } from "../view/palette";
 import type { Files } from "./files";
 
+/** Letters that the server takes. */
+const LONGEST_LABEL = 80;
 const FEW_MARKERS = 3;
 
 export function matchPanel(session: Session, scene: MatchScene, files: Files): HTMLElement {
@@ -51,9 +53,15 @@ function markersSection(session: Session, scene: MatchScene, files: Files): HTML
   const note = el("p", { class: "hint" });
   const clear = button({ label: "Clear", icon: "trash", onClick: () => void session.ask({ type: "markers.clear" }) });
   const load = button({ label: "Load…", icon: "open", onClick: () => files.choose("pairs", ".csv,.json,.txt") });
+  const rows: MarkerRow[] = [];
   const tell = (state: State | null): void => {
     const markers = state?.markers ?? [];
-    list.replaceChildren(...markers.map((pair, index) => markerRow(session, index, pair.label, pair.source, pair.target)));
+    while (rows.length > markers.length) rows.pop()?.element.remove();
+    for (const [index, pair] of markers.entries()) {
+      const row = (rows[index] ??= markerRow(session, index));
+      if (!row.element.isConnected) list.append(row.element);
+      row.set(pair);
+    }
     clear.disabled = markers.length === 0;
     note.textContent = markerAdvice(markers.length, scene.pending.value?.slot ?? null);
   };
@@ -68,18 +76,47 @@ function markerAdvice(count: number, pending: MeshSlot | null): string {
   return count < FEW_MARKERS ? "Fewer than three are completed by matching feature regions." : "Drag a marker to move it.";
 }
 
-function markerRow(session: Session, index: number, label: string, source: number, target: number): HTMLElement {
-  const number = el("span", { class: "chip" }, String(index + 1));
-  number.style.setProperty("--chip", qualitativeHex(index));
-  const text = label || `Pair ${index + 1}`;
+interface MarkerRow {
+  element: HTMLElement;
+  set(pair: Pair): void;
+}
+
+/** A pair: its number, its label to write, its vertices; stays in its place while others change, and keeps the focus. */
+function markerRow(session: Session, index: number): MarkerRow {
+  const chip = el("span", { class: "chip" }, String(index + 1));
+  chip.style.setProperty("--chip", qualitativeHex(index));
+  const plain = `Pair ${index + 1}`;
+  const label = el("input", {
+    type: "text",
+    class: "label",
+    maxlength: LONGEST_LABEL,
+    placeholder: plain,
+    "aria-label": `Label of pair ${index + 1}`,
+  });
+  const ends = el("small");
   const remove = button({
-    label: `Remove ${text}`,
+    label: `Remove ${plain}`,
     icon: "close",
     iconOnly: true,
     look: "quiet",
     onClick: () => void session.ask({ type: "marker.remove", index }),
   });
-  return el("li", {}, number, el("span", { class: "names" }, el("span", {}, text), el("small", {}, `${source} → ${target}`)), remove);
+  let told = "";
+  label.addEventListener("change", () => {
+    void session.ask({ type: "marker.label", index, label: label.value.trim() }).then((done) => {
+      if (!done) label.value = told;
+    });
+  });
+  return {
+    element: el("li", {}, chip, el("span", { class: "names" }, label, ends), remove),
+    set(pair) {
+      if (told !== pair.label || document.activeElement !== label) label.value = told = pair.label;
+      ends.textContent = `${pair.source} → ${pair.target}`;
+      const name = `Remove ${pair.label || plain}`;
+      remove.title = name;
+      remove.querySelector(".unseen")?.replaceChildren(name);
+    },
+  };
 }
 
 const CONTESTED = "Regions of one colour go together: a guess, others are nearly as good. Matching compares their maps.";

@@ -92,6 +92,11 @@ export class EditScene {
     this.#settled(this.#session.state.value?.edit ?? null);
   }
 
+  /** Number of the last move of this page's hand. */
+  get moves(): number {
+    return this.#lastSeq;
+  }
+
   #nextSeq(): number {
     this.#lastSeq += 1;
     return this.#lastSeq;

@@ -1,20 +1,17 @@
 /** A surface as one scene shows it: with its own colours and look. */
-import { BufferAttribute, BufferGeometry, DoubleSide, DynamicDrawUsage, Group, Mesh, MeshBasicMaterial, MeshPhongMaterial } from "three";
+import { BufferAttribute, BufferGeometry, DynamicDrawUsage, Group, Mesh, MeshBasicMaterial } from "three";
+import { Clay } from "./clay";
 import { CLAY, type Rgb } from "./palette";
 import type { Surface } from "./surface";
 
 export type Look = "smooth" | "flat" | "wire";
 
 const WIRE = { color: "#27313c", opacity: 0.34, transparent: true, wireframe: true };
-const GLOSS = { specular: "#1c1c1c", shininess: 24, vertexColors: true, side: DoubleSide };
-/** Pushes the faces back a little, so that lines on them are seen. */
-const BEHIND_LINES = { polygonOffset: true, polygonOffsetFactor: 1, polygonOffsetUnits: 1 };
-
 export class Body {
   readonly object = new Group();
   readonly #geometry = new BufferGeometry();
   readonly #colour: BufferAttribute;
-  readonly #material = new MeshPhongMaterial({ ...GLOSS, ...BEHIND_LINES });
+  readonly #material = new Clay();
   readonly #wireMaterial = new MeshBasicMaterial(WIRE);
   readonly #wire: Mesh;
 
@@ -33,8 +30,7 @@ export class Body {
 
   set look(look: Look) {
     this.#wire.visible = look === "wire";
-    this.#material.flatShading = look !== "smooth";
-    this.#material.needsUpdate = true;
+    this.#material.flatly = look !== "smooth";
   }
 
   paint(colour: (vertex: number) => Rgb): void {

@@ -1,5 +1,5 @@
 /** One canvas behind all views; draws only when something changed. */
-import { WebGLRenderer } from "three";
+import { type Camera, type Object3D, WebGLRenderer } from "three";
 import { el } from "../dom";
 import type { Rig } from "./rig";
 import type { View } from "./view";
@@ -21,7 +21,13 @@ export class Stage {
     this.#renderer = new WebGLRenderer({ canvas, antialias: true, alpha: true });
     this.#renderer.setPixelRatio(Math.min(devicePixelRatio, MOST_PIXELS_PER_POINT));
     this.#renderer.setScissorTest(true);
+    this.#renderer.debug.checkShaderErrors = false; // to ask for errors is to wait for the compiler
     new ResizeObserver(() => this.invalidate()).observe(this.element);
+  }
+
+  /** Compiles what something is drawn with, beside other work: it will be drawn soon. */
+  announce(object: Object3D, camera: Camera): void {
+    this.#renderer.compile(object, camera);
   }
 
   add(view: View): void {

@@ -26,6 +26,11 @@ export class Surface {
     this.geometry.setAttribute("position", this.attributes.position);
   }
 
+  /** A mesh of nothing. */
+  static none(): Surface {
+    return new Surface(new Float32Array(3), new Float32Array(3), new Uint32Array(3));
+  }
+
   get count(): number {
     return this.positions.length / 3;
   }

@@ -1,11 +1,9 @@
 /** One look at one scene: an element that takes the pointer, and a camera on the shared rig. */
-import { Box3, DirectionalLight, HemisphereLight, type Object3D, PerspectiveCamera, Ray, Scene, Sphere, Vector2, Vector3 } from "three";
+import { Box3, type Object3D, PerspectiveCamera, Ray, Scene, Sphere, Vector2, Vector3 } from "three";
 import { el } from "../dom";
 import type { Ball, Rig } from "./rig";
 
 const FIELD_OF_VIEW = 32;
-const SKY = "#ffffff";
-const GROUND = "#7d8794";
 
 export interface Spot {
   x: number;
@@ -35,10 +33,6 @@ export class View {
     this.rig = rig;
     this.#covered = covered;
     this.element = el("div", { class: "view", tabindex: 0, role: "application", "aria-label": label });
-    const lamp = new DirectionalLight("#ffffff", 2.1);
-    lamp.position.set(-0.6, 0.9, 1);
-    this.camera.add(lamp, lamp.target);
-    this.scene.add(this.camera, new HemisphereLight(SKY, GROUND, 1.6));
   }
 
   add(...objects: Object3D[]): void {
