@@ -10,7 +10,7 @@ from collections.abc import Sequence
 from cyclopts import App, CycloptsError, UnknownOptionError
 
 from morphlet import __version__
-from morphlet.cli import compression, editing, features, house, maps, meshes, motion, networks, spheres, window
+from morphlet.cli import compression, editing, features, house, maps, meshes, motion, networks, paper, spheres, window
 from morphlet.console import refuse
 
 VERBS = (
@@ -22,7 +22,7 @@ VERBS = (
     *(motion.morph, motion.transfer),
     *(editing.deform, window.studio),
     *(compression.encode, compression.decode),
-    *(house.demo, house.warmup),
+    *(paper.paper, house.demo, house.warmup),
 )
 
 app = App(
