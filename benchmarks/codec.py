@@ -1,13 +1,17 @@
 """Meshes and sequences in bytes: the package's codec and others, at equal error.
 
-    python benchmarks/codec.py [--data DIR] [--only sequences,animation,static,order,speed] [--markdown] [--json FILE]
+    python benchmarks/codec.py [--data DIR] [--only sequences,animation,static,surfaces,order,speed] [--markdown] [--json FILE]
 
 sequences: rest mesh and poses, all bytes, against Draco (level 10) frame by frame at 8, 10 and 12 bits, and principal components
 of the displacements with zstandard. The codec's error is searched until its KG (of the poses, without the rest mesh) is at most
 Draco's. KG = 100 |A - A'| / |A - mean A|; Draco's is that of its own quantiser, since it reorders vertices. animation: 60 frames
-of one morph, the same. static: one mesh, Draco against the codec at the same spacing of its lattice. order: what keeping the
-caller's order costs. speed: CPU milliseconds per frame after a first run, medians. A tool that is not there is named as absent.
-Bytes are exact. Public meshes are needed: MORPHLET_DATA, or --data, names their folder.
+of one morph, the same. static: one mesh, Draco against the codec at the same spacing of its lattice. surfaces: one mesh whose
+vertices and faces may change, at equal root mean square distance, 55 to 75 dB below the diagonal: all that `encode_surface` tries
+(but networks), against Draco for the mesh and for decimated ones (three face counts, quadrics of libigl and of
+fast_simplification, each on the coarsest lattice that holds; the least counts). order: what keeping the caller's order costs.
+speed: CPU milliseconds per frame after a first run, medians. A tool that is not there is named as absent.
+Bytes are exact. Public meshes are needed: MORPHLET_DATA, or --data, names their folder. Holes are filled first where a mesh's name
+is followed by "closed".
 """
 
 import argparse
@@ -22,16 +26,29 @@ from typing import Any
 
 import numpy as np
 
-from morphlet import CodecOptions, Mesh, MeshSequence, Morph, decode, encode, read
+from morphlet import CodecOptions, Mesh, MeshSequence, Morph, RepairOptions, decode, encode, encode_surface, read, repair
+from morphlet.codec.auto import fewer_faces, finest_file
+from morphlet.codec.container import DECIMATED
+from morphlet.codec.draco import draco_size
 from sphere_map import table
 
-SECTIONS = ("sequences", "animation", "static", "order", "speed")
+SECTIONS = ("sequences", "animation", "static", "surfaces", "order", "speed")
 QUALITIES = (8, 10, 12)
 """Bits of Draco's quantiser."""
 LEVEL = 10
 """Of Draco's compression, its highest."""
 SETS = {"horse": ("meshes/horse.obj", "horse-poses/horse-[0-9]*.obj"), "cat": ("meshes/cat.obj", "cat-poses/cat-[0-9]*.obj")}
 STATIC = ("meshes/horse.obj", "meshes/cat.obj", "meshes/bunny.off", "meshes/fertility.off", "meshes/face.obj", "meshes/horse-48k.ply")
+SURFACES = (
+    "meshes/bunny.off",
+    "meshes/horse.obj closed",
+    "meshes/horse.obj",
+    "meshes/fandisk.obj",
+    "meshes/face.obj closed",
+    "meshes/bumpy-cube.obj",
+    "meshes/armadillo.obj",
+)
+DECIBELS = (55, 60, 65, 70, 75)
 BISECTIONS = 11
 """Of the error's logarithm, between a millionth and a tenth of the diagonal: to half a percent of the error, a fifth of that in bytes."""
 LEAST, MOST = 1e-5, 3e-2
@@ -74,7 +91,7 @@ def quantised(points: np.ndarray, bits: int) -> np.ndarray:
     return np.round((points - points.min(axis=0)) / spacing) * spacing + points.min(axis=0)
 
 
-def draco_size(draco: Any, points: np.ndarray, faces: np.ndarray, bits: int) -> int:
+def draco_bytes(draco: Any, points: np.ndarray, faces: np.ndarray, bits: int) -> int:
     """Bytes of one mesh."""
     points, faces = points.astype(np.float32), faces.astype(np.uint32)
     return len(draco.encode(points, faces=faces, quantization_bits=bits, compression_level=LEVEL))
@@ -139,7 +156,7 @@ def against_draco(name: str, rest: Mesh, positions: np.ndarray, tools: tuple[Any
         }
         row["bits/vertex/frame"] = report.bits_per_vertex
         if draco is not None:
-            row["Draco"] = sum(draco_size(draco, points, rest.faces, bits) for points in positions)
+            row["Draco"] = sum(draco_bytes(draco, points, rest.faces, bits) for points in positions)
             row["ratio"] = row["Draco"] / report.bytes
         if zstandard is not None and len(positions) < FRAMES:
             row["PCA+zstd"] = smallest(components(zstandard, positions, report.rest_bytes), goal, rest.bbox_diagonal)
@@ -170,10 +187,46 @@ def static(data: Path, tools: tuple[Any, Any]) -> list[dict[str, Any]]:
             row = {"mesh": Path(file).stem, "vertices": mesh.n_vertices, "quality": f"q{bits}", "morphlet": report.bytes}
             row["dB"] = report.psnr
             if tools[0] is not None:
-                row["Draco"] = draco_size(tools[0], mesh.vertices, mesh.faces, bits)
+                row["Draco"] = draco_bytes(tools[0], mesh.vertices, mesh.faces, bits)
                 row["ratio"] = row["Draco"] / report.bytes
             rows.append(row)
     return rows
+
+
+def surfaces(data: Path, tools: tuple[Any, Any]) -> list[dict[str, Any]]:
+    """One mesh whose vertices and faces may change."""
+    rows = []
+    for name in SURFACES:
+        file, *closed = name.split()
+        mesh = repair(read(data / file), RepairOptions(fill="all")).mesh if closed else read(data / file)
+        for decibel in DECIBELS:
+            rms = mesh.bbox_diagonal * 10 ** (-decibel / 20)
+            report = encode_surface(mesh, rms=rms).report
+            row: dict[str, Any] = {"mesh": " ".join([Path(file).stem, *closed]), "vertices": mesh.n_vertices, "dB": decibel}
+            row |= {trial.mode: trial.bytes or "-" for trial in report.candidates if trial.mode != "mlwnn"}
+            row |= {"auto": report.bytes, "hausdorff %": 100 * report.hausdorff / mesh.bbox_diagonal}
+            if tools[0] is not None:
+                row["Draco"] = draco_size(next(trial.data for trial in report.candidates if trial.mode == "exact"))
+                row["decimation + Draco"] = decimated_draco(mesh, rms)
+                row["ratio"] = min(row["Draco"], row["decimation + Draco"]) / report.bytes
+            rows.append(row)
+            print(row, file=sys.stderr, flush=True)
+    return rows
+
+
+def decimated_draco(mesh: Mesh, rms: float) -> int:
+    """The least that Draco takes for meshes of fewer faces, by two decimators, on lattices on which they hold."""
+    coarse = fewer_faces(mesh, rms)
+    try:
+        import fast_simplification
+
+        flat = mesh.vertices.astype(np.float32), mesh.faces.astype(np.int32)
+        found = [fast_simplification.simplify(*flat, target_count=c.n_faces, agg=1) for c in coarse]
+        coarse += [Mesh(points.astype(float), faces.astype(np.int64)) for points, faces in found]
+    except ImportError:
+        print("fast_simplification is absent", file=sys.stderr)
+    files = [finest_file(mesh, c, DECIMATED, rms) for c in coarse]
+    return min((draco_size(f) for f in files if f is not None), default=sys.maxsize)
 
 
 def order(data: Path, tools: tuple[Any, Any]) -> list[dict[str, Any]]:
@@ -240,7 +293,7 @@ def main() -> None:
         parser.exit(0, "set MORPHLET_DATA to the folder of public test meshes\n")
     tools, found = packages(), {}
     for section in options.only.split(","):
-        found[section] = {s.__name__: s for s in (sequences, animation, static, order, speed)}[section](Path(options.data), tools)
+        found[section] = {s.__name__: s for s in (sequences, animation, static, surfaces, order, speed)}[section](Path(options.data), tools)
         print(f"{section}\n{shown(found[section], options.markdown)}", flush=True)
     if options.json:
         options.json.write_text(json.dumps(found, indent=1))

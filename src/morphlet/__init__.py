@@ -11,16 +11,20 @@ if TYPE_CHECKING:
     from morphlet.approximation.surface import ApproximationOptions as ApproximationOptions
     from morphlet.approximation.surface import SurfaceApproximation as SurfaceApproximation
     from morphlet.approximation.surface import approximate as approximate
+    from morphlet.codec.auto import EncodedSurface as EncodedSurface
+    from morphlet.codec.auto import SurfaceReport as SurfaceReport
+    from morphlet.codec.auto import Trial as Trial
+    from morphlet.codec.auto import encode_surface as encode_surface
     from morphlet.codec.container import CodecError as CodecError
     from morphlet.codec.container import Limits as Limits
-    from morphlet.codec.sequence import CodecOptions as CodecOptions
-    from morphlet.codec.sequence import Decoded as Decoded
-    from morphlet.codec.sequence import Encoded as Encoded
-    from morphlet.codec.sequence import EncodeReport as EncodeReport
+    from morphlet.codec.reading import decode as decode
+    from morphlet.codec.reading import decode_part as decode_part
+    from morphlet.codec.reading import decode_stream as decode_stream
+    from morphlet.codec.results import CodecOptions as CodecOptions
+    from morphlet.codec.results import Decoded as Decoded
+    from morphlet.codec.results import Encoded as Encoded
+    from morphlet.codec.results import EncodeReport as EncodeReport
     from morphlet.codec.sequence import FrameEncoder as FrameEncoder
-    from morphlet.codec.sequence import decode as decode
-    from morphlet.codec.sequence import decode_part as decode_part
-    from morphlet.codec.sequence import decode_stream as decode_stream
     from morphlet.codec.sequence import encode as encode
     from morphlet.editing.arap import Arap as Arap
     from morphlet.editing.detail import Multiresolution as Multiresolution
@@ -166,8 +170,11 @@ __version__ = "0.1.0"
 _HOMES = {
     "morphlet.approximation.rows": "RowApproximation RowOptions approximate_by_rows approximate_rows",
     "morphlet.approximation.surface": "ApproximationOptions SurfaceApproximation approximate",
+    "morphlet.codec.auto": "EncodedSurface SurfaceReport Trial encode_surface",
     "morphlet.codec.container": "CodecError Limits",
-    "morphlet.codec.sequence": "CodecOptions Decoded EncodeReport Encoded FrameEncoder decode decode_part decode_stream encode",
+    "morphlet.codec.reading": "decode decode_part decode_stream",
+    "morphlet.codec.results": "CodecOptions Decoded EncodeReport Encoded",
+    "morphlet.codec.sequence": "FrameEncoder encode",
     "morphlet.editing.arap": "Arap",
     "morphlet.editing.detail": "Multiresolution",
     "morphlet.editing.editor": "RoiEditor edit",

@@ -17,7 +17,9 @@ from pathlib import Path
 import numpy as np
 
 from morphlet import metrics
-from morphlet.codec.sequence import CodecOptions, decode, encode
+from morphlet.codec.reading import decode
+from morphlet.codec.results import CodecOptions
+from morphlet.codec.sequence import encode
 from morphlet.editing.arap import Arap
 from morphlet.editing.editor import RoiEditor
 from morphlet.editing.linear import Laplacian

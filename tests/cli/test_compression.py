@@ -26,7 +26,7 @@ def test_a_sequence_there_and_back(capsys, files):
     result = told(call(capsys, *words, "--json"), "encode", *KEYS, "frames")
     assert (result["mode"], result["frames"]) == ("sequence", 4)
     assert result["bytes"] == (files / "moves.mlw").stat().st_size
-    assert 0 < result["max_vertex_error"] <= BODY.bbox_diagonal / 1000
+    assert 0 < result["hausdorff"] <= result["max_vertex_error"] <= BODY.bbox_diagonal / 1000
     back = told(call(capsys, "decode", files / "moves.mlw", "-o", files / "out", "--json"), "decode", *KEYS, "complete")
     assert (back["complete"], back["frames"], back["bytes"]) == (True, 4, result["bytes"])
     assert sorted(file.name for file in (files / "out").iterdir()) == ["frame-000.ply", "frame-001.ply", "frame-002.ply", "rest.ply"]
@@ -68,6 +68,19 @@ def test_a_sequence_cut_after_its_rest_mesh_is_still_one(capsys, files):
     assert [file.name for file in (files / "out").iterdir()] == ["rest.ply"]
 
 
+@pytest.mark.parametrize("mode", ["exact", "decimated"])
+def test_a_surface_there_and_back(capsys, files, mode):
+    words = ("encode", files / "rest.ply", "-o", files / "body.mlw", "--rms", "1%", "--mode", mode, "--json")
+    result = told(call(capsys, *words), "encode", *KEYS)
+    assert all(result[key] is not None for key in KEYS)
+    assert result["rms"] <= 0.01 * BODY.bbox_diagonal
+    assert result["mode"] in {trial["mode"] for trial in result["candidates"]}
+    assert set(result["anchors"]) == {"draco", "decimated_draco"}
+    back = told(call(capsys, "decode", files / "body.mlw", "-o", files / "out", "--json"), "decode")
+    assert (back["mode"], back["complete"]) == (result["mode"], True)
+    assert [file.name for file in (files / "out").iterdir()] == ["mesh.ply"]
+
+
 def complete_up_to(data):
     """Whether a part of a file ends between two packets."""
     from morphlet import CodecError, decode_part
@@ -84,13 +97,22 @@ def complete_up_to(data):
     [
         (["encode", "-o", "out.mlw"], 2, "at least one mesh; found none"),
         (["encode", "rest.ply", "-o", "out.zip"], 4, "an output ending in .mlw"),
-        (["encode", "rest.ply", "-o", "out.mlw", "--error", "1", "--bits", "8"], 2, "--error or --bits; found both"),
+        (
+            ["encode", "rest.ply", "-o", "out.mlw", "--error", "1", "--bits", "8"],
+            2,
+            "one of --error, --rms and --bits; found --error and --bits",
+        ),
         (["encode", "rest.ply", "-o", "out.mlw", "--bits", "0"], 2, "1 to 24 --bits"),
         (["encode", "rest.ply", "-o", "out.mlw", "--error", "tiny"], 2, "a length like 0.01"),
         (["encode", "rest.ply", "-o", "out.mlw", "--error", "0"], 2, "an error above 0"),
         (["encode", "rest.ply", "-o", "out.mlw", "--error", "-1"], 2, "an error above 0"),
-        (["encode", "rest.ply", "-o", "out.mlw", "--mode", "sequence"], 2, "a mesh and its poses for --mode sequence"),
+        (["encode", "rest.ply", "-o", "out.mlw", "--mode", "sequence"], 2, "a mesh and its poses, and no --rms, for --mode sequence"),
         (["encode", "rest.ply", "poses", "-o", "out.mlw", "--mode", "exact"], 2, "one mesh for --mode exact"),
+        (["encode", "rest.ply", "-o", "out.mlw", "--rms", "0.1%", "--error", "1"], 2, "one of --error, --rms and --bits"),
+        (["encode", "rest.ply", "-o", "out.mlw", "--rms", "0.1%", "--keep-order"], 2, "--rms alone where vertices become others"),
+        (["encode", "rest.ply", "-o", "out.mlw", "--mode", "shape", "--bits", "9"], 2, "--rms alone where vertices become others"),
+        (["encode", "rest.ply", "poses", "-o", "out.mlw", "--mode", "shape"], 2, "one mesh for --mode shape"),
+        (["encode", "rest.ply", "poses", "-o", "out.mlw", "--rms", "1%"], 2, "one mesh for --rms"),
         (["encode", "rest.ply", "other.ply", "-o", "out.mlw"], 4, "vertices"),
         (["decode", "missing.mlw", "-o", "out"], 4, "a .mlw file at"),
         (["decode", "rest.ply", "-o", "out"], 4, "a .mlw file"),

@@ -11,10 +11,18 @@ from morphlet.console import FLAG, Common, Run, execute
 from morphlet.errors import FileError, InputError
 
 if TYPE_CHECKING:
-    from morphlet.codec.sequence import EncodeReport
+    from collections.abc import Iterator
+
+    from morphlet.codec.auto import SurfaceMode, Trial
     from morphlet.surface.mesh import Mesh
     from morphlet.surface.sequence import MeshSequence
 
+Mode = Literal["auto", "sequence", "exact", "decimated", "shape", "mlwnn"]
+SURFACES: "dict[str, SurfaceMode]" = {"exact": "exact", "decimated": "decimated", "shape": "shape", "mlwnn": "mlwnn"}
+SURFACE_MODES = ("decimated", "shape", "mlwnn")
+"""Modes that keep the surface alone."""
+USUAL_RMS = "0.05%"
+"""Of the bounding-box diagonal: 66 dB."""
 MOST_BITS = 24
 """Of a lattice for --bits: files of meshes hold no more in single precision."""
 
@@ -23,15 +31,17 @@ def encode(
     *mesh: Path,
     output: Output,
     error: str | None = None,
+    rms: str | None = None,
     bits: int | None = None,
-    mode: Literal["auto", "sequence", "exact"] = "auto",
+    mode: Mode = "auto",
     keep_order: Annotated[bool, FLAG] = False,
     permutation: Path | None = None,
     common: Common = DEFAULTS,
 ) -> int:
     """Write a mesh, or a mesh and its poses, into few bytes.
 
-    Vertices and faces only: colours and texture coordinates are not kept.
+    Vertices and faces only: colours and texture coordinates are not kept. With --rms, or --mode shape, mlwnn or decimated, only
+    the surface is kept: vertices and faces become others.
 
     Parameters
     ----------
@@ -42,10 +52,14 @@ def encode(
     error
         Largest distance of a vertex from where it was: in mesh units, or in percent of the first mesh's bounding-box diagonal such as
         0.1%, which it is if left out.
+    rms
+        Instead, for one mesh: root mean square distance of the surfaces, in mesh units or percent; 0.05% if left out where the mode
+        keeps no vertices. The smallest file that holds is written, whatever becomes of vertices and faces.
     bits
         Instead of an error: as close as a lattice of so many bits per coordinate, 1 to 24, comes.
     mode
-        One mesh (exact), or one and its poses (sequence); as it comes, if left out.
+        Its vertices and faces (exact); with its poses (sequence); its surface alone, as fewer faces (decimated), as a coarse mesh with
+        detail (shape), as a wavelet network (mlwnn); if left out, what comes, or with --rms the smallest.
     keep_order
         Keep vertices and faces in the file's order, which takes more bytes.
     permutation
@@ -54,31 +68,87 @@ def encode(
 
     def work(run: Run) -> dict[str, Any]:
         with run.uncounted():
-            import numpy as np
-
-            from morphlet.codec.sequence import CodecOptions
-            from morphlet.codec.sequence import encode as encoded
             from morphlet.io.sequences import read_sequence
 
         run.file(output, ".mlw")
         if permutation is not None:
             run.file(permutation, ".npy")
-        _require_bound(error, bits)
+        surface = rms is not None or mode in SURFACE_MODES
+        _require_bound(error, rms, bits)
         if not mesh:
             raise InputError("at least one mesh", "none", "name the file of a mesh, and of its poses if there are any")
+        if surface and (keep_order or permutation is not None or error is not None or bits is not None):
+            raise InputError(
+                "--rms alone where vertices become others", "bounds or an order of vertices", "leave these out, or --rms and the mode"
+            )
         frames = read_sequence(*mesh)
-        _require_mode(mode, len(frames))
+        _require_mode(mode, len(frames), surface)
         steps.warm(run, "codec")
         run.stage("encode")
-        found = encoded(frames, error=_bound(frames, error, bits), options=CodecOptions(order="kept" if keep_order else "free"))
-        run.place(output).write_bytes(found.data)
-        if permutation is not None:
-            with run.place(permutation).open("wb") as file:
-                np.save(file, found.permutation, allow_pickle=False)
-        draw_mesh(run, frames[0])
-        return _figures(found.report, frames)
+        if surface:
+            return _encode_surface(run, frames[0], output, length(rms or USUAL_RMS, frames[0].bbox_diagonal), mode)
+        return _encode_vertices(run, frames, (output, permutation), _bound(frames, error, bits), "kept" if keep_order else "free")
 
     return execute("encode", [*mesh], common, work)
+
+
+def _encode_vertices(
+    run: Run, frames: "MeshSequence", places: tuple[Path, Path | None], bound: float | None, order: Literal["kept", "free"]
+) -> dict[str, Any]:
+    """A file that keeps vertices and faces, and what to tell of it."""
+    with run.uncounted():
+        import numpy as np
+
+        from morphlet.codec.reading import decode
+        from morphlet.codec.results import CodecOptions
+        from morphlet.codec.sequence import encode
+        from morphlet.codec.surface_error import farthest
+
+    output, permutation = places
+    found = encode(frames, error=bound, options=CodecOptions(order=order))
+    run.place(output).write_bytes(found.data)
+    if permutation is not None:
+        with run.place(permutation).open("wb") as file:
+            np.save(file, found.permutation, allow_pickle=False)
+    draw_mesh(run, frames[0])
+    back = decode(found.data)
+    report = found.report
+    sizes = {"rest_bytes": report.rest_bytes, "frame_bytes": report.frame_bytes, "order_bytes": report.order_bytes, "frames": len(frames)}
+    far = max(farthest(meant, read) for meant, read in zip(_meshes(frames), _meshes(back), strict=True))
+    errors = {"rms": report.rms, "hausdorff": far, "kg_error": report.kg_error, "max_vertex_error": report.max_vertex_error}
+    return {"mode": report.mode, "bytes": report.bytes, "bits_per_vertex": report.bits_per_vertex} | errors | {"psnr": report.psnr} | sizes
+
+
+def _encode_surface(run: Run, mesh: "Mesh", output: Path, rms: float, mode: Mode) -> dict[str, Any]:
+    """A file that keeps the surface alone, and what to tell of it."""
+    with run.uncounted():
+        from morphlet.codec.auto import encode_surface
+
+    found = encode_surface(mesh, rms=rms, mode="auto" if mode == "auto" else SURFACES[mode])
+    report = found.report
+    run.place(output).write_bytes(found.data)
+    draw_mesh(run, found.mesh)
+    if report.mode != "exact":
+        run.say(f"note: {mesh.n_vertices} vertices became {found.mesh.n_vertices}: --error keeps them")
+    errors = {"rms": report.rms, "hausdorff": report.hausdorff, "kg_error": report.kg_error, "max_vertex_error": report.max_vertex_error}
+    sizes = {"mode": report.mode, "bytes": report.bytes, "bits_per_vertex": report.bits_per_vertex}
+    tried = [{"mode": c.mode, "bytes": c.bytes, "rms": c.rms, "note": c.note} for c in report.candidates]
+    return sizes | errors | {"psnr": report.psnr, "candidates": tried, "anchors": _anchors(report.candidates)}
+
+
+def _anchors(candidates: "tuple[Trial, ...]") -> dict[str, int | None]:
+    """What Draco would take for the mesh's own faces, and for fewer, on the same lattices; None without DracoPy."""
+    from morphlet.codec.draco import draco_size
+    from morphlet.errors import MissingExtra
+
+    sizes: dict[str, int | None] = {"draco": None, "decimated_draco": None}
+    for candidate, name in ((c, {"exact": "draco", "decimated": "decimated_draco"}.get(c.mode)) for c in candidates):
+        if name is not None and candidate.data is not None:
+            try:
+                sizes[name] = draco_size(candidate.data)
+            except MissingExtra:
+                break
+    return sizes
 
 
 def decode(file: Path, /, *, output: Output, partial: Annotated[bool, FLAG] = False, film: Film = FILM, common: Common = DEFAULTS) -> int:
@@ -96,8 +166,7 @@ def decode(file: Path, /, *, output: Output, partial: Annotated[bool, FLAG] = Fa
 
     def work(run: Run) -> dict[str, Any]:
         with run.uncounted():
-            from morphlet.codec.container import EXACT, Limits, Source, read_header
-            from morphlet.codec.sequence import decode_part
+            from morphlet.codec.reading import decode_part
 
         run.folder(output)
         promise_film(run, film)
@@ -113,33 +182,41 @@ def decode(file: Path, /, *, output: Output, partial: Annotated[bool, FLAG] = Fa
             raise FileError(f"the whole of {file}", told, "get the rest, or add --partial")
         if not found.complete:
             run.say(f"note: {told}")
-        mode = "exact" if read_header(Source([data]), Limits())[0].mode == EXACT else "sequence"
-        _write_meshes(run.place(output), found.sequence, mode)
+        _write_meshes(run.place(output), found.sequence, found.mode)
         draw_mesh(run, found.sequence[len(found.sequence) - 1])
         shoot(run, film, found.sequence)
         n = found.sequence.positions.shape[0] * found.sequence.positions.shape[1]
-        figures = {"mode": mode, "bytes": len(data), "bits_per_vertex": 8 * len(data) / n}
+        figures = {"mode": found.mode, "bytes": len(data), "bits_per_vertex": 8 * len(data) / n}
         unknown = dict.fromkeys(("rms", "hausdorff", "kg_error", "max_vertex_error", "psnr"))
         return figures | unknown | {"error": found.error, "frames": len(found.sequence), "complete": found.complete}
 
     return execute("decode", [file], common, work)
 
 
-def _require_bound(error: str | None, bits: int | None) -> None:
+def _require_bound(error: str | None, rms: str | None, bits: int | None) -> None:
     """Refuse two bounds, and such as no mesh has."""
-    if error is not None and bits is not None:
-        raise InputError("--error or --bits", "both", "leave one out")
+    given = [name for name, value in (("--error", error), ("--rms", rms), ("--bits", bits)) if value is not None]
+    if len(given) > 1:
+        raise InputError("one of --error, --rms and --bits", " and ".join(given), "leave all but one out")
     if bits is not None and not 1 <= bits <= MOST_BITS:
         raise InputError(f"1 to {MOST_BITS} --bits", str(bits), "choose a number in that range")
     length(error, 1.0)
+    length(rms, 1.0)
 
 
-def _require_mode(mode: str, frames: int) -> None:
+def _require_mode(mode: str, frames: int, surface: bool) -> None:
     """Refuse a mode that does not go with so many meshes."""
-    if mode == "exact" and frames > 1:
-        raise InputError("one mesh for --mode exact", str(frames), "leave the poses or the mode out")
-    if mode == "sequence" and frames == 1:
-        raise InputError("a mesh and its poses for --mode sequence", "one mesh", "add poses, or leave the mode out")
+    if frames > 1 and (mode == "exact" or surface):
+        raise InputError(
+            f"one mesh for {'--rms' if mode == 'auto' else f'--mode {mode}'}", str(frames), "leave the poses or the option out"
+        )
+    if mode == "sequence" and (frames == 1 or surface):
+        raise InputError("a mesh and its poses, and no --rms, for --mode sequence", "one mesh", "add poses, or leave the mode out")
+
+
+def _meshes(frames: "MeshSequence") -> "Iterator[Mesh]":
+    """The meshes of a sequence, one after the other."""
+    return (frames[k] for k in range(len(frames)))
 
 
 def _bound(frames: "MeshSequence", error: str | None, bits: int | None) -> float | None:
@@ -150,13 +227,6 @@ def _bound(frames: "MeshSequence", error: str | None, bits: int | None) -> float
     return None if error is None else length(error, frames[0].bbox_diagonal)
 
 
-def _figures(report: "EncodeReport", frames: "MeshSequence") -> dict[str, Any]:
-    """What `encode` tells."""
-    sizes = {"rest_bytes": report.rest_bytes, "frame_bytes": report.frame_bytes, "order_bytes": report.order_bytes, "frames": len(frames)}
-    errors = {"rms": report.rms, "hausdorff": None, "kg_error": report.kg_error, "max_vertex_error": report.max_vertex_error}
-    return {"mode": report.mode, "bytes": report.bytes, "bits_per_vertex": report.bits_per_vertex} | errors | {"psnr": report.psnr} | sizes
-
-
 def _write_meshes(folder: Path, found: "MeshSequence", mode: str) -> None:
     """mesh.ply, or rest.ply and the frames."""
     from morphlet.io.formats import write
@@ -165,6 +235,6 @@ def _write_meshes(folder: Path, found: "MeshSequence", mode: str) -> None:
 
     folder.mkdir(exist_ok=True)
     first: Mesh = found[0]
-    write(folder / ("mesh.ply" if mode == "exact" else "rest.ply"), first)
+    write(folder / ("rest.ply" if mode == "sequence" else "mesh.ply"), first)
     if len(found) > 1:
         write_sequence(folder, MeshSequence(found.topology, found.positions[1:], found.times[1:]))

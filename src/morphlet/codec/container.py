@@ -1,7 +1,7 @@
 """The file: a header, then packets with checksums, each of which is checked before anything in it is believed.
 
-All numbers are little-endian. A packet is a type, two counts, a length and a CRC-32 over all of that and the payload,
-which goes on from the checksum before it. Whatever
+All numbers are little-endian; whole ones take seven bits a byte, real ones are the upper half of a double. A packet is a type,
+two counts, a length and a CRC-32 over all of that and the payload, which goes on from the checksum before it. Whatever
 is wrong with a file ends in one error, `CodecError`; a file that ends between two packets is told apart, since what came
 before is good.
 """
@@ -10,31 +10,33 @@ import math
 import struct
 import zlib
 from collections.abc import Iterable, Iterator
-from dataclasses import dataclass
-from typing import Any, Final
+from dataclasses import dataclass, replace
+from typing import Final
 
 from morphlet.errors import MorphletError
 
 MAGIC: Final = b"MWNC"
 MAJOR, MINOR = 1, 0
-SEQUENCE, EXACT = 1, 2
-"""Modes: a rest mesh and frames; one mesh."""
-SCHEMES = (1, 1, 1, 1)
-"""Connectivity, positions, hierarchy, frames: which coder of each."""
-UNKNOWN = 0xFFFFFFFF
+SEQUENCE, EXACT, SHAPE, NETWORK, DECIMATED = 1, 2, 3, 4, 5
+"""Modes: a rest mesh and frames; one mesh; its surface as a coarse mesh and detail, as a wavelet network, as a mesh of fewer faces."""
+MODES = {SEQUENCE: "sequence", EXACT: "exact", SHAPE: "shape", NETWORK: "mlwnn", DECIMATED: "decimated"}
+ON_LATTICES = SEQUENCE, EXACT, DECIMATED
+"""Modes whose vertices are told one by one."""
+UNKNOWN = -1
 """Number of frames that a stream does not know when it starts."""
-FACES, POSITIONS, ORDER, TIMES, FRAMES, END = 1, 2, 3, 4, 5, 6
-"""Types of packets, in the order in which they come."""
+FACES, POSITIONS, ORDER, TIMES, FRAMES, END, SURFACE = 1, 2, 3, 4, 5, 6, 7
+"""Types of packets; of the first two modes in the order in which they come."""
 SKIPPABLE = 0x80
 """A reader that does not know a type with this bit passes over it."""
-KNOWN = {FACES, POSITIONS, FRAMES, TIMES, ORDER, END}
-_HEADER = struct.Struct("<4s4B3I6d2B4BI")
-HEADER_SIZE = _HEADER.size + 4
-"""Bytes of the header with its checksum."""
+KNOWN = {FACES, POSITIONS, FRAMES, TIMES, ORDER, END, SURFACE}
 LONGEST_NUMBER = 10
-"""Bytes of a packet's counts, at most."""
+"""Bytes of a whole number, at most."""
+FARTHEST = 1 << 50
+"""Corners of lattices lie within so many spacings of the origin."""
 LONGEST_PACKET = 1 << 31
 CHECKSUM = struct.Struct("<I")
+_REAL = struct.Struct("<d")
+_HALF = 4
 
 
 class CodecError(MorphletError, ValueError):
@@ -74,43 +76,48 @@ class Limits:
 
 @dataclass(frozen=True)
 class Header:
-    """What a file holds.
+    """What a file holds; what its mode has no use for is not in the file.
 
     Parameters
     ----------
     mode
-        `SEQUENCE` or `EXACT`.
-    vertices, faces, frames
-        How many; frames beside the rest mesh, or `UNKNOWN`.
-    origin, spacing
-        Positions of the rest mesh are origin + spacing * integers.
+        One of `MODES`.
+    vertices, faces
+        Of the mesh that is read.
+    error
+        Largest distance of a vertex from where it was, in mesh units; of modes that change vertices and faces, the root mean
+        square distance of the surfaces.
+    corner, spacing
+        Positions of the rest mesh are spacing * (corner + integers).
+    frames
+        Beside the rest mesh, or `UNKNOWN`.
     step, finest
         Step of the frames' differences; that of the coarsest vertices is finest / 64 of it.
     layers
         Parts of the hierarchy that packets are divided by, coarse to fine.
-    error
-        Largest distance of a vertex from where it was, in mesh units.
     hierarchy
-        Checksum of the hierarchy's records; 0 without frames.
+        Checksum of the hierarchy's records.
     """
 
     mode: int
     vertices: int
     faces: int
-    frames: int
-    origin: tuple[float, float, float]
-    spacing: float
-    step: float
     error: float
-    finest: int
-    layers: int
-    hierarchy: int
+    corner: tuple[int, int, int] = (0, 0, 0)
+    spacing: float = 1.0
+    frames: int = 0
+    step: float = 1.0
+    finest: int = 1
+    layers: int = 1
+    hierarchy: int = 0
 
     def encoded(self) -> tuple[bytes, int]:
         """The header as a file has it; its checksum."""
-        counts = self.vertices, self.faces, self.frames
-        reals = *self.origin, self.spacing, self.step, self.error
-        body = _HEADER.pack(MAGIC, MAJOR, MINOR, self.mode, 0, *counts, *reals, self.finest, self.layers, *SCHEMES, self.hierarchy)
+        body = MAGIC + bytes([MAJOR, MINOR, self.mode, 0]) + _number(self.vertices) + _number(self.faces) + _real(self.error)
+        if self.mode in ON_LATTICES:
+            body += _real(self.spacing) + b"".join(_number(2 * c if c >= 0 else -2 * c - 1) for c in self.corner)
+        if self.mode == SEQUENCE:
+            body += _number(self.frames + 1) + _real(self.step) + bytes([self.finest, self.layers]) + CHECKSUM.pack(self.hierarchy)
         own = checksum(body, 0)
         return body + CHECKSUM.pack(own), own
 
@@ -176,6 +183,59 @@ class Source:
         return taken
 
 
+def rounded_down(value: float) -> float:
+    """The largest number that a file can hold and is at most this one, which is positive."""
+    return float(_REAL.unpack(bytes(_HALF) + _REAL.pack(value)[_HALF:])[0])
+
+
+def rounded_up(value: float) -> float:
+    """The least number that a file can hold and is at least this one, which is positive."""
+    below = rounded_down(value)
+    upper = int.from_bytes(_REAL.pack(value)[_HALF:], "little") + 1
+    return below if below == value else float(_REAL.unpack(bytes(_HALF) + upper.to_bytes(_HALF, "little"))[0])
+
+
+def _real(value: float) -> bytes:
+    """The upper half of a double."""
+    return _REAL.pack(value)[_HALF:]
+
+
+class _Record:
+    """Fields one after the other, and the bytes they were."""
+
+    def __init__(self, source: "Source") -> None:
+        self._source, self.raw = source, bytearray()
+
+    def take(self, count: int) -> bytes:
+        """So many bytes."""
+        found = self._source.take(count)
+        self.raw += found
+        return found
+
+    def number(self) -> int:
+        """A whole number."""
+        value, byte = 0, 0x80
+        for k in range(LONGEST_NUMBER):
+            byte = self.take(1)[0]
+            value |= (byte & 0x7F) << (7 * k)
+            if byte < 0x80:
+                break
+        return value
+
+    def signed(self) -> int:
+        """A whole number of either sign."""
+        value = self.number()
+        return value >> 1 if value % 2 == 0 else -((value + 1) >> 1)
+
+    def real(self) -> float:
+        """The upper half of a double."""
+        return float(_REAL.unpack(bytes(_HALF) + self.take(_HALF))[0])
+
+    def checksum(self) -> int:
+        """What follows as the checksum, which is not part of the record."""
+        return int(CHECKSUM.unpack(self._source.take(CHECKSUM.size))[0])
+
+
 def read_header(source: Source, limits: Limits) -> tuple[Header, int]:
     """The header of a file, checked, and its checksum.
 
@@ -184,32 +244,44 @@ def read_header(source: Source, limits: Limits) -> tuple[Header, int]:
     CodecError
         If these are other bytes, they are damaged, of a later major version, or claim more than the limits.
     """
-    raw = source.take(HEADER_SIZE) if source.has(HEADER_SIZE) else b""
-    if raw[:4] != MAGIC:
-        raise damaged(f"{len(raw)} bytes that do not start with {MAGIC.decode()}", "a .mlw file")
-    if raw[4] != MAJOR:
-        raise CodecError(f"version {MAJOR} of .mlw", f"version {raw[4]}", "update morphlet")
-    body = raw[: _HEADER.size]
-    told = CHECKSUM.unpack(raw[_HEADER.size :])[0]
-    if told != checksum(body, 0):
+    record = _Record(source)
+    start = record.take(8) if source.has(8) else b""
+    if start[:4] != MAGIC:
+        raise damaged(f"{len(start)} bytes that do not start with {MAGIC.decode()}", "a .mlw file")
+    if start[4] != MAJOR:
+        raise CodecError(f"version {MAJOR} of .mlw", f"version {start[4]}", "update morphlet")
+    if start[6] not in MODES or start[7]:
+        raise damaged("a header that makes no sense, or of a coder that is not known")
+    header = _fields(start[6], record)
+    told = record.checksum()
+    if told != checksum(bytes(record.raw), 0):
         raise damaged("a header with a wrong checksum")
-    return _checked(_HEADER.unpack(body), limits), told
+    return _checked(header, limits), told
 
 
-def _checked(fields: tuple[Any, ...], limits: Limits) -> Header:
-    """The header of these fields, if they make sense and stay within the limits."""
-    mode, flags, counts, reals, rest = fields[3], fields[4], fields[5:8], fields[8:14], fields[14:]
-    vertices, faces, frames = (int(c) for c in counts)
-    most = limits.frames if frames != UNKNOWN else UNKNOWN
-    if vertices > limits.vertices or faces > limits.faces or frames > most:
+def _fields(mode: int, record: _Record) -> Header:
+    """The fields that a header of this mode has."""
+    header = Header(mode, record.number(), record.number(), record.real())
+    if mode in ON_LATTICES:
+        header = replace(header, spacing=record.real(), corner=(record.signed(), record.signed(), record.signed()))
+    if mode == SEQUENCE:
+        header = replace(header, frames=record.number() - 1, step=record.real())
+        finest, layers = record.take(2)
+        header = replace(header, finest=finest, layers=layers, hierarchy=int(CHECKSUM.unpack(record.take(CHECKSUM.size))[0]))
+    return header
+
+
+def _checked(header: Header, limits: Limits) -> Header:
+    """The header, if it makes sense and stays within the limits."""
+    vertices, faces, frames = header.vertices, header.faces, header.frames
+    if vertices > limits.vertices or faces > limits.faces or frames > limits.frames:
         found = f"{vertices} vertices, {faces} faces, {frames} frames"
         raise CodecError("a mesh within the reader's limits", found, "raise the limits if the file can be trusted")
-    sound = all(math.isfinite(r) for r in reals) and min(reals[3:]) > 0
-    finest, layers, *schemes, hierarchy = (int(r) for r in rest)
-    if not sound or mode not in (SEQUENCE, EXACT) or flags or tuple(schemes) != SCHEMES or not layers or (mode == EXACT and frames):
+    reals = header.spacing, header.step, header.error
+    far = max(abs(c) for c in header.corner) > FARTHEST or not math.isfinite(FARTHEST * header.spacing)
+    if not all(math.isfinite(r) and r > 0 for r in reals) or not header.layers or far:
         raise damaged("a header that makes no sense, or of a coder that is not known")
-    origin = float(reals[0]), float(reals[1]), float(reals[2])
-    return Header(int(mode), vertices, faces, frames, origin, float(reals[3]), float(reals[4]), float(reals[5]), finest, layers, hierarchy)
+    return header
 
 
 def read_packets(source: Source, chain: int) -> Iterator[Packet]:
@@ -240,18 +312,13 @@ def read_packets(source: Source, chain: int) -> Iterator[Packet]:
 
 def _read_packet(source: Source, chain: int) -> tuple[Packet, int]:
     """The next packet and its checksum."""
-    head = bytearray(source.take(1))
-    numbers = []
-    for _ in range(3):
-        start = len(head)
-        while len(head) - start < LONGEST_NUMBER and (len(head) == start or head[-1] & 0x80):
-            head += source.take(1)
-        numbers.append(sum((byte & 0x7F) << (7 * k) for k, byte in enumerate(head[start:])))
-    count, layer, length = numbers
+    record = _Record(source)
+    kind = record.take(1)[0]
+    count, layer, length = record.number(), record.number(), record.number()
     if length > LONGEST_PACKET:
         raise damaged(f"a packet of {length} bytes")
-    told = CHECKSUM.unpack(source.take(CHECKSUM.size))[0]
+    told = record.checksum()
     payload = source.take(length)
-    if told != checksum(bytes(head) + payload, chain):
+    if told != checksum(bytes(record.raw) + payload, chain):
         raise damaged("a packet with a wrong checksum, or of another file")
-    return Packet(head[0], count, layer, payload), told
+    return Packet(kind, count, layer, payload), told

@@ -44,12 +44,21 @@ WEIGHT_START = (WEIGHT_ONE * 2) // 5
 WEIGHT_RATE = 15
 """Shift of the step by which weights learn: error (16 bits) times log-odds (8 bits below the point)."""
 
+MANY_START = WEIGHT_ONE // 5
+"""Of each of six inputs at first."""
+MANY_RATE = 14
+"""Shift of the step by which their weights learn."""
+
 SLOTS = 32
 """Binary contexts per integer context."""
 UNARY = 14
 """Magnitudes from here on are escaped."""
 PREFIX_MOST = 40
 """Longest Exp-Golomb prefix: magnitudes below 2^40."""
+SIZES = 60
+"""Classes of sizes told by class and place: below 2^30."""
+SIZE_SLOTS = 24
+"""Slots of classes; the eight others are for the highest bit of the place."""
 
 
 def _squash() -> Int[np.ndarray, "4095"]:
@@ -83,6 +92,11 @@ def models(contexts: int, mixers: int) -> tuple[np.ndarray, np.ndarray, np.ndarr
     """Untaught chances, counts and weights."""
     chance = np.full(contexts, 1 << (CHANCE_BITS + FINE - 1), np.int64)
     return chance, np.zeros(contexts, np.int64), np.full(3 * mixers, WEIGHT_START, np.int64)
+
+
+def many_weights(mixers: int, inputs: int) -> Int[np.ndarray, "w k"]:
+    """Untaught weights of mixers of more than three contexts."""
+    return np.full((mixers, inputs), MANY_START, np.int64)
 
 
 @inner_kernel
@@ -168,6 +182,46 @@ def code_bit(coder, bit, a, b, c, mixer):  # a decision under contexts a, b, c, 
     if c != b:
         _learn(coder, c, bit)
     return bit
+
+
+@inner_kernel
+def code_mixed(coder, bit, slots, odds, weight, mixer):  # a decision under contexts slots (k,); odds (k,) is room; weight (mixers, k)
+    total = 0
+    for i in range(slots.shape[0]):
+        odds[i] = STRETCH[coder.chance[slots[i]] >> 10]
+        total += weight[mixer, i] * odds[i]
+    total = min(max(total >> 16, -ODDS_MOST), ODDS_MOST)
+    p = min(max(SQUASH[total + ODDS_MOST], CHANCE_LEAST), 65536 - CHANCE_LEAST)
+    bit = _code(coder, bit, p)
+    error = (bit << 16) - p
+    for i in range(slots.shape[0]):
+        weight[mixer, i] += (odds[i] * error) >> MANY_RATE
+        _learn(coder, slots[i], bit)
+    return bit
+
+
+@inner_kernel
+def code_sized(coder, m, base, slots, odds, weight, mixer):  # m >= 1: its class (1 2 3 4-5 6-7 8-11 12-15 ...) in unary, its place in it
+    k, low, bits = 1, np.int64(1), 0
+    while k <= SIZES:
+        slot = min(k, SIZE_SLOTS - 1)
+        for i in range(base.shape[0]):
+            slots[i] = base[i] + slot
+        if code_mixed(coder, np.int64(m >= low + (np.int64(1) << bits)), slots, odds, weight, mixer + slot) == 0:
+            break
+        low += np.int64(1) << bits
+        k += 1
+        bits = max(k // 2 - 1, 0)
+    if k > SIZES:
+        coder.state[FAULT] = TOO_LONG
+        return low
+    if bits == 0:
+        return low
+    slot = min(SIZE_SLOTS + (k // 2 - 2), SLOTS - 1)
+    for i in range(base.shape[0]):
+        slots[i] = base[i] + slot
+    top = code_mixed(coder, ((m - low) >> (bits - 1)) & 1, slots, odds, weight, mixer + slot)
+    return low + (top << (bits - 1)) + code_raw(coder, m - low, bits - 1)
 
 
 @inner_kernel

@@ -3,12 +3,12 @@
 from dataclasses import dataclass
 
 import numpy as np
-from jaxtyping import Int
+from jaxtyping import Float, Int
 
 from morphlet.codec import connectivity, geometry
 from morphlet.codec.connectivity import Border, Plan
-from morphlet.codec.container import damaged
-from morphlet.codec.range_coder import FAULT, Coder, consumed, full, reader, writer, written
+from morphlet.codec.container import Header, damaged
+from morphlet.codec.range_coder import FAULT, Coder, consumed, full, many_weights, reader, writer, written
 from morphlet.codec.shuffle import CONTEXTS as SHUFFLE_CONTEXTS
 from morphlet.codec.shuffle import MIXERS as SHUFFLE_MIXERS
 from morphlet.codec.shuffle import code_numbers
@@ -76,15 +76,10 @@ def read_faces(data: bytes, m: int, n: int, loose: int) -> Shape:
 
 def write_positions(shape: Shape, lattice: Int[np.ndarray, "n 3"]) -> bytes:
     """Bytes of integer positions."""
-    n = len(lattice)
-    kinds, guesses = np.zeros(n, np.int64), np.zeros((n, 3, 3), np.int64)
-    geometry.look_around(shape.corner, shape.twin, shape.start, lattice, kinds, guesses)
-    weights = geometry.fitted_weights(kinds, guesses, lattice)
     size = FIRST_ROOM
     while True:
         coder = writer(size, geometry.CONTEXTS, geometry.MIXERS)
-        geometry.code_weights(coder, weights)
-        geometry.code_positions(coder, shape.corner, shape.twin, shape.start, weights, lattice.copy())
+        _code_positions(coder, shape, lattice.copy())
         if not full(coder):
             return written(coder)
         size *= 4
@@ -92,13 +87,22 @@ def write_positions(shape: Shape, lattice: Int[np.ndarray, "n 3"]) -> bytes:
 
 def read_positions(data: bytes, shape: Shape) -> Int[np.ndarray, "n 3"]:
     """The integer positions that these bytes tell."""
-    coder = reader(data, geometry.CONTEXTS, geometry.MIXERS)
-    weights, lattice = np.zeros_like(geometry.USUAL), np.zeros((len(shape.start), 3), np.int64)
-    geometry.code_weights(coder, weights)
-    geometry.code_positions(coder, shape.corner, shape.twin, shape.start, weights, lattice)
+    coder, lattice = reader(data, geometry.CONTEXTS, geometry.MIXERS), np.zeros((len(shape.start), 3), np.int64)
+    _code_positions(coder, shape, lattice)
     if not consumed(coder):
         raise damaged("positions that cannot be read")
     return lattice
+
+
+def _code_positions(coder: Coder, shape: Shape, lattice: Int[np.ndarray, "n 3"]) -> None:
+    """Positions through the kernel, with nothing learnt yet."""
+    six = many_weights(geometry.SIGN_MIXER, geometry.TERMS)
+    geometry.code_positions(coder, six, shape.corner, shape.twin, shape.start, geometry.nothing_learnt(), lattice)
+
+
+def rest_positions(header: Header, lattice: Int[np.ndarray, "n 3"]) -> Float[np.ndarray, "n 3"]:
+    """Where vertices of a lattice lie."""
+    return header.spacing * (np.array(header.corner) + lattice)
 
 
 def write_order(order: Int[np.ndarray, "n"], starts: Int[np.ndarray, "m"]) -> bytes:
