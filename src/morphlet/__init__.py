@@ -14,10 +14,14 @@ if TYPE_CHECKING:
     from morphlet.codec.auto import EncodedSurface as EncodedSurface
     from morphlet.codec.auto import SurfaceReport as SurfaceReport
     from morphlet.codec.auto import Trial as Trial
+    from morphlet.codec.auto import encode_network as encode_network
     from morphlet.codec.auto import encode_surface as encode_surface
     from morphlet.codec.container import CodecError as CodecError
     from morphlet.codec.container import Limits as Limits
+    from morphlet.codec.network import DecodedNetwork as DecodedNetwork
+    from morphlet.codec.network import NetworkOptions as NetworkOptions
     from morphlet.codec.reading import decode as decode
+    from morphlet.codec.reading import decode_network as decode_network
     from morphlet.codec.reading import decode_part as decode_part
     from morphlet.codec.reading import decode_stream as decode_stream
     from morphlet.codec.results import CodecOptions as CodecOptions
@@ -170,9 +174,10 @@ __version__ = "0.1.0"
 _HOMES = {
     "morphlet.approximation.rows": "RowApproximation RowOptions approximate_by_rows approximate_rows",
     "morphlet.approximation.surface": "ApproximationOptions SurfaceApproximation approximate",
-    "morphlet.codec.auto": "EncodedSurface SurfaceReport Trial encode_surface",
+    "morphlet.codec.auto": "EncodedSurface SurfaceReport Trial encode_network encode_surface",
     "morphlet.codec.container": "CodecError Limits",
-    "morphlet.codec.reading": "decode decode_part decode_stream",
+    "morphlet.codec.network": "DecodedNetwork NetworkOptions",
+    "morphlet.codec.reading": "decode decode_network decode_part decode_stream",
     "morphlet.codec.results": "CodecOptions Decoded EncodeReport Encoded",
     "morphlet.codec.sequence": "FrameEncoder encode",
     "morphlet.editing.arap": "Arap",

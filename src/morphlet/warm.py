@@ -17,6 +17,7 @@ from pathlib import Path
 import numpy as np
 
 from morphlet import metrics
+from morphlet.codec.auto import encode_surface
 from morphlet.codec.reading import decode
 from morphlet.codec.results import CodecOptions
 from morphlet.codec.sequence import encode
@@ -54,7 +55,7 @@ COLLECT_AFTER = 200_000
 
 
 def marker(of: str = "kernels") -> Path:
-    """The file that says these versions' kernels are compiled: those of the main job, "edits", or "codec"."""
+    """The file that says these versions' kernels are compiled: those of the main job, "edits", "codec", or "surfaces"."""
     cache = os.environ.get("XDG_CACHE_HOME") or os.path.expanduser("~/.cache")
     newest = max(int(file.stat().st_mtime) for file in Path(__file__).parent.rglob("*.py"))
     return Path(cache) / "morphlet" / f"{of}-{version('morphlet')}-numba-{version('numba')}-{newest}"
@@ -107,7 +108,15 @@ def compile_codec() -> None:
     _mark(marker("codec"))
 
 
-COMPILERS = {"kernels": compile_kernels, "edits": compile_edits, "codec": compile_codec}
+def compile_surfaces() -> None:
+    """Tell a ball by each way that keeps its surface alone, which compiles and caches every kernel of these."""
+    ball = Mesh(*icosphere(LEVEL))
+    with _few_collections():
+        encode_surface(ball, rms=0.05)
+    _mark(marker("surfaces"))
+
+
+COMPILERS = {"kernels": compile_kernels, "edits": compile_edits, "codec": compile_codec, "surfaces": compile_surfaces}
 """What compiles each of the sets of kernels."""
 
 

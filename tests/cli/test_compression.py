@@ -81,6 +81,16 @@ def test_a_surface_there_and_back(capsys, files, mode):
     assert [file.name for file in (files / "out").iterdir()] == ["mesh.ply"]
 
 
+def test_a_network_of_a_size_is_read_at_a_level(capsys, files):
+    words = ("encode", files / "rest.ply", "-o", files / "body.mlw", "--mode", "mlwnn", "--size", 300, "--json")
+    result = told(call(capsys, *words), "encode", *KEYS)
+    assert result["bytes"] == (files / "body.mlw").stat().st_size <= 300
+    told(call(capsys, "decode", files / "body.mlw", "-o", files / "back", "--level", 3, "--json"), "decode", *KEYS)
+    assert read(files / "back" / "mesh.ply").n_vertices == 642
+    answer = call(capsys, "decode", files / "body.mlw", "-o", files / "other", "--level", 9)
+    assert (answer.code, "a level from 0 to 8" in answer.err) == (2, True)
+
+
 def complete_up_to(data):
     """Whether a part of a file ends between two packets."""
     from morphlet import CodecError, decode_part
@@ -100,7 +110,7 @@ def complete_up_to(data):
         (
             ["encode", "rest.ply", "-o", "out.mlw", "--error", "1", "--bits", "8"],
             2,
-            "one of --error, --rms and --bits; found --error and --bits",
+            "one of --error, --rms, --bits, --size; found --error and --bits",
         ),
         (["encode", "rest.ply", "-o", "out.mlw", "--bits", "0"], 2, "1 to 24 --bits"),
         (["encode", "rest.ply", "-o", "out.mlw", "--error", "tiny"], 2, "a length like 0.01"),
@@ -108,7 +118,9 @@ def complete_up_to(data):
         (["encode", "rest.ply", "-o", "out.mlw", "--error", "-1"], 2, "an error above 0"),
         (["encode", "rest.ply", "-o", "out.mlw", "--mode", "sequence"], 2, "a mesh and its poses, and no --rms, for --mode sequence"),
         (["encode", "rest.ply", "poses", "-o", "out.mlw", "--mode", "exact"], 2, "one mesh for --mode exact"),
-        (["encode", "rest.ply", "-o", "out.mlw", "--rms", "0.1%", "--error", "1"], 2, "one of --error, --rms and --bits"),
+        (["encode", "rest.ply", "-o", "out.mlw", "--rms", "0.1%", "--error", "1"], 2, "one of --error, --rms, --bits, --size"),
+        (["encode", "rest.ply", "-o", "out.mlw", "--size", "500"], 2, "--mode mlwnn for a --size"),
+        (["encode", "rest.ply", "-o", "out.mlw", "--mode", "mlwnn", "--size", "50"], 2, "at least 100 bytes"),
         (["encode", "rest.ply", "-o", "out.mlw", "--rms", "0.1%", "--keep-order"], 2, "--rms alone where vertices become others"),
         (["encode", "rest.ply", "-o", "out.mlw", "--mode", "shape", "--bits", "9"], 2, "--rms alone where vertices become others"),
         (["encode", "rest.ply", "poses", "-o", "out.mlw", "--mode", "shape"], 2, "one mesh for --mode shape"),

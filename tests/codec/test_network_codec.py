@@ -9,7 +9,7 @@ import scipy.sparse as sp
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from morphlet import CodecError, InputError, MeshError, sample
+from morphlet import CodecError, InputError, MeshError, decode, decode_network, encode, encode_network, sample
 from morphlet.codec import network_stream, orthogonal
 from morphlet.codec.atoms import AFFINE, FINEST_LEVEL, ODD, STEEP, TURNS, VOICES, Atoms, compass, dilations, kinds_of, levels_up_to, turned
 from morphlet.codec.network import NetworkEncoder, NetworkOptions, area_map, network_at, network_of_bytes, read_network
@@ -338,3 +338,20 @@ def test_the_formats_test_vector():
     ]
     assert np.allclose(places, expected, rtol=0, atol=1e-9)
     assert payload.hex() in (Path(__file__).parents[2] / "docs" / "format.md").read_text(encoding="utf-8")
+
+
+def test_a_file_of_a_network_is_no_larger_than_asked_and_opens_at_any_level():
+    blob = sample("blob", n_vertices=1500)
+    data = encode_network(blob, size=700, options=NetworkOptions(level=4))
+    assert 500 < len(data) <= 700
+    network = decode_network(data)
+    assert network.mesh(3).n_vertices == 642
+    np.testing.assert_array_equal(network.mesh(4).vertices, decode(data)[0].vertices)
+
+
+def test_what_is_no_file_of_a_network():
+    blob = sample("blob", n_vertices=1500)
+    with pytest.raises(InputError, match="at least 100 bytes; found 99"):
+        encode_network(blob, size=99)
+    with pytest.raises(CodecError, match="a file of a wavelet network; found one of mode exact"):
+        decode_network(encode(blob, error=0.01).data)

@@ -23,6 +23,8 @@ SURFACE_MODES = ("decimated", "shape", "mlwnn")
 """Modes that keep the surface alone."""
 USUAL_RMS = "0.05%"
 """Of the bounding-box diagonal: 66 dB."""
+FIGURES = ("mode", "bytes", "bits_per_vertex", "rms", "hausdorff", "kg_error", "max_vertex_error", "psnr")
+"""What is told of every file that keeps a surface."""
 MOST_BITS = 24
 """Of a lattice for --bits: files of meshes hold no more in single precision."""
 
@@ -33,6 +35,7 @@ def encode(
     error: str | None = None,
     rms: str | None = None,
     bits: int | None = None,
+    size: int | None = None,
     mode: Mode = "auto",
     keep_order: Annotated[bool, FLAG] = False,
     permutation: Path | None = None,
@@ -57,6 +60,8 @@ def encode(
         keeps no vertices. The smallest file that holds is written, whatever becomes of vertices and faces.
     bits
         Instead of an error: as close as a lattice of so many bits per coordinate, 1 to 24, comes.
+    size
+        Instead of an error, with --mode mlwnn: a file of at most so many bytes.
     mode
         Its vertices and faces (exact); with its poses (sequence); its surface alone, as fewer faces (decimated), as a coarse mesh with
         detail (shape), as a wavelet network (mlwnn); if left out, what comes, or with --rms the smallest.
@@ -74,7 +79,9 @@ def encode(
         if permutation is not None:
             run.file(permutation, ".npy")
         surface = rms is not None or mode in SURFACE_MODES
-        _require_bound(error, rms, bits)
+        _require_bound(error, rms, bits, size)
+        if size is not None and mode != "mlwnn":
+            raise InputError("--mode mlwnn for a --size", f"--mode {mode}", "name that mode, or ask for an error")
         if not mesh:
             raise InputError("at least one mesh", "none", "name the file of a mesh, and of its poses if there are any")
         if surface and (keep_order or permutation is not None or error is not None or bits is not None):
@@ -83,8 +90,11 @@ def encode(
             )
         frames = read_sequence(*mesh)
         _require_mode(mode, len(frames), surface)
-        steps.warm(run, "codec")
+        for kernels in ("codec", "surfaces") if surface else ("codec",):
+            steps.warm(run, kernels)
         run.stage("encode")
+        if size is not None:
+            return _encode_network(run, frames[0], output, size)
         if surface:
             return _encode_surface(run, frames[0], output, length(rms or USUAL_RMS, frames[0].bbox_diagonal), mode)
         return _encode_vertices(run, frames, (output, permutation), _bound(frames, error, bits), "kept" if keep_order else "free")
@@ -130,10 +140,23 @@ def _encode_surface(run: Run, mesh: "Mesh", output: Path, rms: float, mode: Mode
     draw_mesh(run, found.mesh)
     if report.mode != "exact":
         run.say(f"note: {mesh.n_vertices} vertices became {found.mesh.n_vertices}: --error keeps them")
-    errors = {"rms": report.rms, "hausdorff": report.hausdorff, "kg_error": report.kg_error, "max_vertex_error": report.max_vertex_error}
-    sizes = {"mode": report.mode, "bytes": report.bytes, "bits_per_vertex": report.bits_per_vertex}
     tried = [{"mode": c.mode, "bytes": c.bytes, "rms": c.rms, "note": c.note} for c in report.candidates]
-    return sizes | errors | {"psnr": report.psnr, "candidates": tried, "anchors": _anchors(report.candidates)}
+    return {key: getattr(report, key) for key in FIGURES} | {"candidates": tried, "anchors": _anchors(report.candidates)}
+
+
+def _encode_network(run: Run, mesh: "Mesh", output: Path, size: int) -> dict[str, Any]:
+    """A wavelet network in so many bytes, and what to tell of it."""
+    with run.uncounted():
+        from morphlet.codec.auto import encode_network, surface_report
+        from morphlet.codec.reading import decode
+
+    data = encode_network(mesh, size=size)
+    back = decode(data)[0]
+    run.place(output).write_bytes(data)
+    draw_mesh(run, back)
+    run.say(f"note: {mesh.n_vertices} vertices became {back.n_vertices}: --error keeps them")
+    report = surface_report(mesh, back, "mlwnn", len(data))
+    return {key: getattr(report, key) for key in FIGURES}
 
 
 def _anchors(candidates: "tuple[Trial, ...]") -> dict[str, int | None]:
@@ -151,7 +174,16 @@ def _anchors(candidates: "tuple[Trial, ...]") -> dict[str, int | None]:
     return sizes
 
 
-def decode(file: Path, /, *, output: Output, partial: Annotated[bool, FLAG] = False, film: Film = FILM, common: Common = DEFAULTS) -> int:
+def decode(
+    file: Path,
+    /,
+    *,
+    output: Output,
+    partial: Annotated[bool, FLAG] = False,
+    level: int | None = None,
+    film: Film = FILM,
+    common: Common = DEFAULTS,
+) -> int:
     """Read meshes back from few bytes.
 
     Parameters
@@ -162,11 +194,13 @@ def decode(file: Path, /, *, output: Output, partial: Annotated[bool, FLAG] = Fa
         Folder for mesh.ply, or for rest.ply and frame-000.ply ...
     partial
         Also take a file that ends early, between two of its packets: fewer frames, or coarser ones.
+    level
+        Of a wavelet network: how often the icosahedron is subdivided, 0 to 8; the writer's suggestion if left out.
     """
 
     def work(run: Run) -> dict[str, Any]:
         with run.uncounted():
-            from morphlet.codec.reading import decode_part
+            from morphlet.codec.reading import decode_network, decode_part
 
         run.folder(output)
         promise_film(run, film)
@@ -182,22 +216,24 @@ def decode(file: Path, /, *, output: Output, partial: Annotated[bool, FLAG] = Fa
             raise FileError(f"the whole of {file}", told, "get the rest, or add --partial")
         if not found.complete:
             run.say(f"note: {told}")
-        _write_meshes(run.place(output), found.sequence, found.mode)
-        draw_mesh(run, found.sequence[len(found.sequence) - 1])
-        shoot(run, film, found.sequence)
-        n = found.sequence.positions.shape[0] * found.sequence.positions.shape[1]
+        frames = found.sequence if level is None else _single(decode_network(data).mesh(level))
+        _write_meshes(run.place(output), frames, found.mode)
+        draw_mesh(run, frames[len(frames) - 1])
+        shoot(run, film, frames)
+        n = frames.positions.shape[0] * frames.positions.shape[1]
         figures = {"mode": found.mode, "bytes": len(data), "bits_per_vertex": 8 * len(data) / n}
         unknown = dict.fromkeys(("rms", "hausdorff", "kg_error", "max_vertex_error", "psnr"))
-        return figures | unknown | {"error": found.error, "frames": len(found.sequence), "complete": found.complete}
+        return figures | unknown | {"error": found.error, "frames": len(frames), "complete": found.complete}
 
     return execute("decode", [file], common, work)
 
 
-def _require_bound(error: str | None, rms: str | None, bits: int | None) -> None:
+def _require_bound(error: str | None, rms: str | None, bits: int | None, size: int | None) -> None:
     """Refuse two bounds, and such as no mesh has."""
-    given = [name for name, value in (("--error", error), ("--rms", rms), ("--bits", bits)) if value is not None]
+    bounds = {"--error": error, "--rms": rms, "--bits": bits, "--size": size}
+    given = [name for name, value in bounds.items() if value is not None]
     if len(given) > 1:
-        raise InputError("one of --error, --rms and --bits", " and ".join(given), "leave all but one out")
+        raise InputError(f"one of {', '.join(bounds)}", " and ".join(given), "leave all but one out")
     if bits is not None and not 1 <= bits <= MOST_BITS:
         raise InputError(f"1 to {MOST_BITS} --bits", str(bits), "choose a number in that range")
     length(error, 1.0)
@@ -225,6 +261,15 @@ def _bound(frames: "MeshSequence", error: str | None, bits: int | None) -> float
         extent = max(x.max() - x.min() for x in frames[0].vertices.T)
         return math.sqrt(3) / 2 * float(extent) / (2**bits - 1)
     return None if error is None else length(error, frames[0].bbox_diagonal)
+
+
+def _single(mesh: "Mesh") -> "MeshSequence":
+    """A mesh as a sequence."""
+    import numpy as np
+
+    from morphlet.surface.sequence import MeshSequence
+
+    return MeshSequence(mesh.topology, mesh.vertices[None], np.zeros(1))
 
 
 def _write_meshes(folder: Path, found: "MeshSequence", mode: str) -> None:

@@ -51,15 +51,14 @@ def warmup(*, common: Common = DEFAULTS) -> int:
 
     def work(run: Run) -> dict[str, Any]:
         with run.uncounted():
-            from morphlet.warm import compile_codec, compile_edits, compile_kernels, compiled
+            from morphlet.warm import COMPILERS, compiled
 
         if common.picture is not None:
             raise InputError("no --picture for warmup", "one", "leave it out: there is nothing to draw")
-        before = compiled() and compiled("edits") and compiled("codec")
+        before = all(compiled(of) for of in COMPILERS)
         run.stage("compiling kernels")
-        compile_kernels()
-        compile_edits()
-        compile_codec()
+        for compile_set in COMPILERS.values():
+            compile_set()
         return {"compiled_before": before}
 
     return execute("warmup", [], common, work)

@@ -3,7 +3,7 @@
 import json
 from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal
+from typing import TYPE_CHECKING, Any
 
 from morphlet.cli.options import MENDING, Mending
 from morphlet.console import Run, plain
@@ -24,6 +24,7 @@ FIRST_USE = {
     "kernels": "compiling the kernels: once, about 40 seconds on two cores; later runs start at once",
     "edits": "compiling the kernels of editing: once, about a quarter of a minute; later edits start at once",
     "codec": "compiling the kernels of the codec: once, about a quarter of a minute; later files start at once",
+    "surfaces": "compiling the kernels of coded surfaces: once, about ten seconds; later files start at once",
 }
 """What is said before kernels are compiled."""
 
@@ -33,7 +34,7 @@ def present(*files: Path | None) -> list[Path | str]:
     return [file for file in files if file is not None]
 
 
-def warm(run: Run, of: Literal["kernels", "edits", "codec"] = "kernels") -> None:
+def warm(run: Run, of: str = "kernels") -> None:
     """Compile the kernels of the main job, of editing or of the codec if this is their first use, and say so."""
     with run.uncounted():
         from morphlet.warm import COMPILERS, compiled

@@ -6,14 +6,14 @@ smallest file that holds is kept. Where the caller's vertices and faces must com
 
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Literal
 
 import numpy as np
 
 from morphlet.codec.container import DECIMATED, END, EXACT, NETWORK, SHAPE, SURFACE, Header, Packet, rounded_down, rounded_up
 from morphlet.codec.decimation import decimated
-from morphlet.codec.network import network_at
+from morphlet.codec.network import BYTES_PER_WAVELET, FEWEST_BYTES, USUAL, NetworkEncoder, NetworkFile, NetworkOptions, network_at
 from morphlet.codec.reading import decode
 from morphlet.codec.sequence import told_on_lattice
 from morphlet.codec.shape import shape_at, shape_sizes
@@ -42,6 +42,8 @@ MOST_LEFT = 0.9
 """Of the faces, at most."""
 NETWORK_LEAST = 3e-3
 """Errors, in bounding-box diagonals, below which networks take minutes and more bytes than coarse meshes: only if asked for by name."""
+NETWORK_FRAME = 40
+"""Bytes of a network's file beside its one payload."""
 LATTICE_MOST = 1 << 27
 """Spacings along an axis, at most."""
 
@@ -103,7 +105,7 @@ class SurfaceReport:
     max_vertex_error: float
     kg_error: float
     psnr: float
-    candidates: tuple[Trial, ...]
+    candidates: tuple[Trial, ...] = ()
 
 
 @dataclass(frozen=True, eq=False)
@@ -175,7 +177,48 @@ def encode_surface(mesh: Mesh, *, rms: float, mode: SurfaceMode = "auto") -> Enc
     best = min(held, key=lambda c: len(c.data or b""))
     data = best.data or b""
     back = decode(data)[0]
-    return EncodedSurface(data, back, _report(mesh, back, best, candidates))
+    return EncodedSurface(data, back, replace(surface_report(mesh, back, best.mode, len(data)), candidates=candidates))
+
+
+def encode_network(mesh: Mesh, *, size: int, options: NetworkOptions = USUAL) -> bytes:
+    """A closed mesh as the bytes of a `.mlw` file that holds a wavelet network: the paper's model of a shape.
+
+    Parameters
+    ----------
+    mesh
+        Closed, of one piece and of genus 0.
+    size
+        Bytes of the file, at most; 300 to 5000 make sense.
+    options
+        Mothers, levels.
+
+    Raises
+    ------
+    MeshError
+        If the mesh is none that a sphere can be.
+    InputError
+        If the bytes are fewer than 100.
+
+    Notes
+    -----
+    Time goes into the map and the choice of wavelets: seconds for hundreds of bytes, minutes for thousands.
+
+    Examples
+    --------
+    >>> from morphlet import NetworkOptions, decode, encode_network, sample
+    >>> data = encode_network(sample("blob", n_vertices=1500), size=150, options=NetworkOptions(level=4))
+    >>> len(data) <= 150, decode(data)[0]
+    (True, Mesh(2562 vertices, 5120 faces))
+    """
+    if size < FEWEST_BYTES + NETWORK_FRAME:
+        raise InputError(f"at least {FEWEST_BYTES + NETWORK_FRAME} bytes", f"{size}", "ask for more")
+    encoder = NetworkEncoder.prepare(mesh, math.ceil(size / BYTES_PER_WAVELET), options)
+    room = size - NETWORK_FRAME
+    data = _network_file(encoder.of_bytes(room))
+    while len(data) > size and room > FEWEST_BYTES:  # each further packet has a head of its own
+        room = max(room - (len(data) - size), FEWEST_BYTES)
+        data = _network_file(encoder.of_bytes(room))
+    return data
 
 
 def _tried(mesh: Mesh, rms: float, name: str) -> Trial:
@@ -190,15 +233,14 @@ def _tried(mesh: Mesh, rms: float, name: str) -> Trial:
     return Trial(name, len(data), reached, "" if reached <= rms else f"comes within {reached:.6g}", data)
 
 
-def _report(mesh: Mesh, back: Mesh, which: Trial, candidates: tuple[Trial, ...]) -> SurfaceReport:
-    """Sizes and errors of the file that is kept."""
+def surface_report(mesh: Mesh, back: Mesh, mode: str, size: int) -> SurfaceReport:
+    """Errors of a mesh as read back from a file of so many bytes."""
     error = surface_error(mesh, back)
     distance = np.linalg.norm(nearest(back, mesh.vertices).positions(back) - mesh.vertices, axis=1)
     spread = float(np.linalg.norm(mesh.vertices - mesh.vertices.mean(axis=0)))
     kg = 100 * float(np.linalg.norm(distance)) / spread if spread else 0.0
-    size = which.bytes or 0
-    sizes = which.mode, size, 8 * size / mesh.n_vertices
-    return SurfaceReport(*sizes, error.rms, error.hausdorff, float(distance.max()), kg, psnr(error.rms, mesh.bbox_diagonal), candidates)
+    sizes = mode, size, 8 * size / mesh.n_vertices
+    return SurfaceReport(*sizes, error.rms, error.hausdorff, float(distance.max()), kg, psnr(error.rms, mesh.bbox_diagonal))
 
 
 def finest_file(goal: Mesh, mesh: Mesh, mode: int, rms: float) -> bytes | None:
@@ -256,7 +298,12 @@ def _as_shape(mesh: Mesh, rms: float) -> bytes | None:
 def _as_network(mesh: Mesh, rms: float) -> bytes | None:
     """A wavelet network over the sphere."""
     found = network_at(mesh, rms)
-    return None if found is None else surface_file(NETWORK, found.payloads, (10 * 4**found.level + 2, 20 * 4**found.level), rms)
+    return None if found is None else _network_file(found)
+
+
+def _network_file(network: NetworkFile) -> bytes:
+    """The file of a network, which says how near it comes."""
+    return surface_file(NETWORK, network.payloads, (10 * 4**network.level + 2, 20 * 4**network.level), network.report.rms)
 
 
 def surface_file(mode: int, payloads: Sequence[bytes], sizes: tuple[int, int], rms: float) -> bytes:

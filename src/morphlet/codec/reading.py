@@ -30,7 +30,7 @@ from morphlet.codec.container import (
     read_packets,
 )
 from morphlet.codec.hierarchy import coarse_to_fine
-from morphlet.codec.network import read_network
+from morphlet.codec.network import DecodedNetwork, read_network
 from morphlet.codec.poses import Law, Told
 from morphlet.codec.rest import Shape, as_they_came, read_faces, read_order, read_positions, rest_positions
 from morphlet.codec.results import Decoded
@@ -128,6 +128,30 @@ def decode_stream(pieces: Iterable[bytes], limits: Limits | None = None) -> Iter
         raise damaged("its end before its last packet")
 
 
+def decode_network(data: bytes, limits: Limits | None = None) -> DecodedNetwork:
+    """The wavelet network of a `.mlw` file that may end early: a surface at any resolution.
+
+    Raises
+    ------
+    CodecError
+        If the file is damaged, of another mode or a later version, or asks for more than the limits.
+
+    Examples
+    --------
+    >>> from morphlet import NetworkOptions, decode_network, encode_network, sample
+    >>> data = encode_network(sample("blob", n_vertices=1500), size=150, options=NetworkOptions(level=4))
+    >>> len(data) <= 150, decode_network(data).mesh(5)
+    (True, Mesh(10242 vertices, 20480 faces))
+    """
+    limits = limits or Limits()
+    _check(data, limits)
+    source = Source([data])
+    header, chain = read_header(source, limits)
+    if header.mode != NETWORK:
+        raise CodecError("a file of a wavelet network", f"one of mode {MODES[header.mode]}", "use decode")
+    return _checked_network(_surface_payloads(source, chain)[0], header.vertices)
+
+
 def _check(data: bytes, limits: Limits) -> None:
     """All checksums first: nothing of a file with a damaged end is decoded."""
     source = Source([data])
@@ -138,6 +162,15 @@ def _check(data: bytes, limits: Limits) -> None:
 
 def _surface(source: Source, header: Header, chain: int) -> tuple[Mesh, bool, int]:
     """The mesh of a mode that changes vertices and faces, whether all of it is there, and the number of packets that are."""
+    payloads, complete = _surface_payloads(source, chain)
+    mesh = SURFACES[header.mode](payloads, header.vertices)
+    if (mesh.n_vertices, mesh.n_faces) != (header.vertices, header.faces) or not np.isfinite(mesh.vertices).all():
+        raise damaged(f"{mesh.n_vertices} vertices and {mesh.n_faces} faces where there were others")
+    return mesh, complete, len(payloads)
+
+
+def _surface_payloads(source: Source, chain: int) -> tuple[list[bytes], bool]:
+    """The payloads of a mode that changes vertices and faces, and whether all are there."""
     payloads: list[bytes] = []
     complete = False
     for packet in read_packets(source, chain):
@@ -147,18 +180,20 @@ def _surface(source: Source, header: Header, chain: int) -> tuple[Mesh, bool, in
         payloads += [] if complete else [packet.payload]
     if not payloads:
         raise damaged("an end before its first packet")
-    mesh = SURFACES[header.mode](payloads, header.vertices)
-    if (mesh.n_vertices, mesh.n_faces) != (header.vertices, header.faces) or not np.isfinite(mesh.vertices).all():
-        raise damaged(f"{mesh.n_vertices} vertices and {mesh.n_faces} faces where there were others")
-    return mesh, complete, len(payloads)
+    return payloads, complete
 
 
 def _network(payloads: Sequence[bytes], vertices: int) -> Mesh:
     """The mesh of a wavelet network at the level that its writer suggests."""
+    return _checked_network(payloads, vertices).mesh()
+
+
+def _checked_network(payloads: Sequence[bytes], vertices: int) -> DecodedNetwork:
+    """A network that suggests as many vertices as the header says."""
     found = read_network(payloads)
     if 10 * 4**found.level + 2 != vertices:
         raise damaged(f"a network for {10 * 4**found.level + 2} vertices where there were {vertices}")
-    return found.mesh()
+    return found
 
 
 SURFACES = {SHAPE: read_shape, NETWORK: _network}
