@@ -1,7 +1,8 @@
 # make demo    the main job on meshes the package makes itself; sets everything up
 # make test    the tests; sets everything up
 # make check   style, types, import floors
-# make bench   benchmarks, peers side by side where installed
+# make bench   the benchmark book, in out/bench; ONLY="editing motion" runs these, QUICK=1 little of each
+# make bench-peers  what figures stand beside: Open3D and viser in an environment of their own; what cannot be installed is said
 # make test-blender  what Blender reads and writes, with its Python module (some 1 GB, for the Python versions that it supports)
 # make studio  the page of the studio, from TypeScript; needs Node.js and npm, which nothing else does
 # make docs    the documentation as a site, in out/docs; a warning is an error
@@ -15,13 +16,20 @@ PAGE := src/morphlet/studio/static/index.html
 PAGE_SOURCES := $(shell find studio -path studio/node_modules -prune -o -type f -print)
 NO_NPM := no npm: the studio's page cannot be built (Node.js 20.19 or newer is needed)
 
-.PHONY: demo test check bench docs test-blender studio test-studio clean
+APART := open3d viser
+BESIDE := DracoPy zstandard fast-simplification scikit-sparse
+MADE_PEERS = $(wildcard $(VENV)/peers/bin/python)
+PEERED = $(if $(MORPHLET_PEER_PYTHON),,$(if $(MADE_PEERS),MORPHLET_PEER_PYTHON=$(CURDIR)/$(MADE_PEERS)))
+ABSENT := cannot be installed here: it will be named as absent
+
+.PHONY: demo test check bench bench-peers docs test-blender studio test-studio clean
 
 demo: $(VENV)/core
 	$(BIN)/morphlet demo -o $(DEMO) --force
 
+# A process per core, files of tests whole, so that what they share is made once; then a second thread of BLAS would only be in the way.
 test: $(VENV)/test
-	$(BIN)/python -m pytest
+	OPENBLAS_NUM_THREADS=1 $(BIN)/python -m pytest -n auto --dist loadfile
 
 check: $(VENV)/test
 	$(BIN)/ruff check
@@ -33,7 +41,12 @@ docs: $(VENV)/docs
 	$(BIN)/python -m sphinx -q -W --keep-going -b html docs out/docs
 
 bench: $(VENV)/bench
-	$(BIN)/python -m benchmarks
+	$(PEERED) $(BIN)/python -m benchmarks $(ONLY) --out out/bench $(if $(QUICK),--quick)
+
+bench-peers: $(VENV)/bench
+	$(PYTHON) -m venv $(VENV)/peers
+	@for peer in $(APART); do $(VENV)/peers/bin/python -m pip install --quiet $$peer || echo "$$peer $(ABSENT)" >&2; done
+	@for peer in $(BESIDE); do $(BIN)/python -m pip install --quiet $$peer || echo "$$peer $(ABSENT)" >&2; done
 
 test-blender: $(VENV)/test $(VENV)/blender/made
 	MORPHLET_BLENDER_PYTHON=$(VENV)/blender/bin/python $(BIN)/python -m pytest tests/motion/test_blender.py
@@ -77,7 +90,7 @@ $(VENV)/docs: $(VENV)/python pyproject.toml
 	@touch $@
 
 $(VENV)/bench: $(VENV)/test
-	$(BIN)/python -m pip install --quiet -e '.[render,bench]'
+	$(BIN)/python -m pip install --quiet -e '.[render,bench]' || echo "not all of [bench] $(ABSENT)" >&2
 	@touch $@
 
 clean:

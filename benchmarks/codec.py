@@ -15,7 +15,6 @@ is followed by "closed".
 """
 
 import argparse
-import json
 import os
 import statistics
 import sys
@@ -26,11 +25,11 @@ from typing import Any
 
 import numpy as np
 
+from book import Sheet, add_options, keyed
 from morphlet import CodecOptions, Mesh, MeshSequence, Morph, RepairOptions, decode, encode, encode_surface, read, repair
 from morphlet.codec.auto import fewer_faces, finest_file
 from morphlet.codec.container import DECIMATED
 from morphlet.codec.draco import draco_size
-from sphere_map import table
 
 SECTIONS = ("sequences", "animation", "static", "surfaces", "order", "speed")
 QUALITIES = (8, 10, 12)
@@ -58,16 +57,17 @@ ROUNDS = 5
 COMPONENTS = 4096
 """Share of a component's weight that is stored: 1/4096."""
 ZSTANDARD = 19
+UNITS = "Bytes; KG in percent; CPU milliseconds."
 
 
-def packages() -> tuple[Any, Any]:
+def packages(sheet: Sheet) -> tuple[Any, Any]:
     """DracoPy and zstandard, None where absent."""
     found: list[Any] = []
-    for name in ("DracoPy", "zstandard"):
+    for name in ("DracoPy", "zstandard", "fast_simplification"):
         try:
             found.append(__import__(name))
         except ImportError:
-            print(f"{name} is absent", file=sys.stderr)
+            sheet.miss(name, "not installed")
             found.append(None)
     return found[0], found[1]
 
@@ -223,8 +223,8 @@ def decimated_draco(mesh: Mesh, rms: float) -> int:
         flat = mesh.vertices.astype(np.float32), mesh.faces.astype(np.int32)
         found = [fast_simplification.simplify(*flat, target_count=c.n_faces, agg=1) for c in coarse]
         coarse += [Mesh(points.astype(float), faces.astype(np.int64)) for points, faces in found]
-    except ImportError:
-        print("fast_simplification is absent", file=sys.stderr)
+    except ImportError:  # named as absent by `packages`
+        pass
     files = [finest_file(mesh, c, DECIMATED, rms) for c in coarse]
     return min((draco_size(f) for f in files if f is not None), default=sys.maxsize)
 
@@ -271,32 +271,21 @@ def median_time(call: Callable[[], Any]) -> float:
     return statistics.median(times)
 
 
-def shown(rows: list[dict[str, Any]], markdown: bool) -> str:
-    """Rows of one section as a table."""
-    heads = list(dict.fromkeys(key for row in rows for key in row))
-    return table(heads, [[text(row.get(key, "-")) for key in heads] for row in rows], markdown)
-
-
-def text(value: Any) -> str:
-    """A cell."""
-    return f"{value:.4g}" if isinstance(value, float) else str(value)
-
-
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--data", type=Path, default=os.environ.get("MORPHLET_DATA"))
     parser.add_argument("--only", default=",".join(SECTIONS))
-    parser.add_argument("--markdown", action="store_true")
-    parser.add_argument("--json", type=Path)
+    add_options(parser)
     options = parser.parse_args()
+    sheet = Sheet.of(options)
     if options.data is None:
-        parser.exit(0, "set MORPHLET_DATA to the folder of public test meshes\n")
-    tools, found = packages(), {}
+        sheet.miss("public meshes", "set MORPHLET_DATA to their folder")
+        return
+    tools = packages(sheet)
     for section in options.only.split(","):
-        found[section] = {s.__name__: s for s in (sequences, animation, static, surfaces, order, speed)}[section](Path(options.data), tools)
-        print(f"{section}\n{shown(found[section], options.markdown)}", flush=True)
-    if options.json:
-        options.json.write_text(json.dumps(found, indent=1))
+        found = {s.__name__: s for s in (sequences, animation, static, surfaces, order, speed)}[section](Path(options.data), tools)
+        sheet.figures[section] = found
+        sheet.add(keyed(section, found, UNITS))
 
 
 if __name__ == "__main__":

@@ -1,6 +1,6 @@
 """Damaged and forged `.mlw` files, for as long as is given: each must be refused, or be a shorter result that says so.
 
-    python benchmarks/codec_fuzz.py [--seconds 60] [--seed 0]
+    python benchmarks/codec_fuzz.py [--seconds 60] [--seed 0] [--json FILE] [--markdown]
 
 Files of every mode are flipped, cut, spliced, overwritten, and, with checksums made to fit again, altered in their headers and
 payloads. Counted are: tried; refused (with `CodecError`); partial (read, and said to be incomplete); read (only where the
@@ -178,12 +178,17 @@ def fuzz(seconds: float, seed: int, most: int) -> Counter[str]:
 
 
 def main() -> int:
+    from book import Sheet, Table, add_options  # here: a test runs the rest from its own folder
+
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--seconds", type=float, default=60.0)
     parser.add_argument("--seed", type=int, default=0)
+    add_options(parser)
     options = parser.parse_args()
     counts = fuzz(options.seconds, options.seed, sys.maxsize)
-    print(", ".join(f"{name} {counts[name]}" for name in ("tried", "refused", "partial", "read", "wrong")))
+    heads = ("tried", "refused", "partial", "read", "wrong")
+    title = f"Damaged and forged files in {options.seconds:g} s, seed {options.seed}"
+    Sheet.of(options).add(Table(title, heads, [[counts[key] for key in heads]]))
     return int(counts["wrong"] > 0)
 
 

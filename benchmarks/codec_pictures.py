@@ -40,7 +40,7 @@ def main() -> None:
     parser.add_argument("figures", type=Path)
     parser.add_argument("output", type=Path)
     options = parser.parse_args()
-    rows = json.loads(options.figures.read_text())["surfaces"]
+    rows = json.loads(options.figures.read_text())["figures"]["surfaces"]
     names = list(dict.fromkeys(row["mesh"] for row in rows))
     lines = -(-len(names) // COLUMNS)
     figure, axes = plt.subplots(lines, COLUMNS, figsize=(COLUMNS * SIZE, lines * SIZE), squeeze=False)

@@ -1,6 +1,7 @@
 """Does the confidence of a map tell where it is wrong? Rank correlations with the true error, and errors by fifths of the confidence.
 
     python benchmarks/confidence.py [--data DIR] [--pairs 'horse-05,tosca-*'] [--landmarks 6] [--back]
+                                    [--json FILE] [--markdown]
 
 Pairs, truth and errors (percent of sqrt(area)) are those of `correspondence.py`, at twice as many vertices. Beside the strain, of which
 the confidence is made: the distance from a vertex to where the map and its inverse bring it, its distance to the nearest landmark, and
@@ -16,13 +17,13 @@ from pathlib import Path
 import numpy as np
 from scipy.stats import spearmanr
 
+from book import Sheet, Table, add_options
 from correspondence import SAMPLES, catalogue, chosen_names
 from morphlet import SurfacePoints, VertexPairs, correspond_maps, spherical_map
 from morphlet.mapping.correspondence import strain
 from morphlet.samples.deviation import Deviation
 from morphlet.samples.truth import KnownPair
 from morphlet.surface.distance import distances
-from sphere_map import table
 
 PAIRS = "grazer-walking,grazer-leaping,predator-walking,predator-leaping,grazer-predator,tosca-wolf1,horse-05,cat-01"
 FIFTHS = (0.0, 0.2, 0.4, 0.6, 0.8, 1.0)
@@ -67,6 +68,7 @@ def main() -> None:
     parser.add_argument("--pairs", default=PAIRS)
     parser.add_argument("--landmarks", type=int, default=6)
     parser.add_argument("--back", action="store_true")
+    add_options(parser)
     chosen = parser.parse_args()
     pairs = catalogue(None if chosen.data is None else Path(chosen.data))
     lines, all_errors, all_told = [], [], []
@@ -80,7 +82,8 @@ def main() -> None:
     together = {key: np.concatenate([told[key] for told in all_told]) for key in all_told[0]}
     lines.append(["mean of the pairs", "", *within, ""])
     lines.append(line("all vertices", np.concatenate(all_errors), together))
-    sys.stdout.write(table(["pair", "error", *(f"rank corr. {key}" for key in all_told[0]), "error by fifths of the strain"], lines, True))
+    heads = ["pair", "error", *(f"rank corr. {key}" for key in all_told[0]), "error by fifths of the strain"]
+    Sheet.of(chosen).add(Table("Confidence against error", heads, lines, "Errors in percent of sqrt(area)."))
 
 
 if __name__ == "__main__":

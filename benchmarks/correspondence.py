@@ -1,7 +1,7 @@
 """Correspondences against the truth: geodesic errors, folds and time, the package's methods and others' side by side.
 
     python benchmarks/correspondence.py [--data DIR] [--pairs 'horse-*,cat-lion'] [--modes auto,6] [--peers rotation,fmap]
-                                        [--json FILE] [--resume] [--picture FILE.png] [--list]
+                                        [--json FILE] [--markdown] [--resume] [--picture FILE.png] [--list]
 
 Of two poses over one connectivity the first is remeshed (`samples.truth`): other vertices, otherwise joined and in another order, each
 with its true place on the second. Errors are geodesic distances on the target between found and true place, times 100, over the
@@ -24,6 +24,7 @@ from pathlib import Path
 
 import numpy as np
 
+from book import Sheet, Table, add_options
 from correspondence_peers import METHODS, Absent, Answer, Stock
 from correspondence_pictures import Shown, picture_of
 from morphlet import Mesh, SurfacePoints, VertexPairs, read, read_pairs
@@ -34,7 +35,7 @@ from morphlet.samples.creatures import Creature
 from morphlet.samples.deviation import Deviation
 from morphlet.samples.poses import POSES
 from morphlet.samples.truth import KnownPair, known_pair, marked_pair
-from sphere_map import table, timed
+from sphere_map import timed
 
 SAMPLES = 400
 """Vertices at which a map is judged."""
@@ -59,6 +60,9 @@ HEADS = [
     "MB",
     "remark",
 ]
+
+ABSENT = "absent: "
+"""How the failure of a method begins that is not installed."""
 
 Loader = Callable[[], KnownPair]
 
@@ -220,7 +224,7 @@ def one_row(name: str, mode: str, method: str, judge: Judge, stock: Stock) -> tu
     try:
         answer, wall, cpu, megabytes = timed(lambda: METHODS[method](pair, landmarks, stock))
     except Absent as error:
-        return blank(failure=f"absent: {error}"), None
+        return blank(failure=f"{ABSENT}{error}"), None
     except Exception as error:  # whatever a method raises is its result
         return blank(failure=f"{type(error).__name__}: {str(error)[:120]}"), None
     owed = stock.settle()
@@ -260,14 +264,14 @@ def line(row: Row) -> list[str]:
     return [*head, *errors, flips, shown(row.folds, 0), shown(row.degree, 3), *cost, row.remark]
 
 
-def summary(rows: list[Row]) -> str:
+def summary(rows: list[Row]) -> Table:
     """Mean / median / worst, pairs down, methods across."""
     columns = list(dict.fromkeys((row.method, row.mode) for row in rows if not row.failure))
     cells = {
         (row.pair, row.method, row.mode): f"{row.mean:.2f} / {row.median:.2f} / {row.worst:.1f}" for row in rows if row.mean is not None
     }
     lines = [[pair, *(cells.get((pair, *column), "-") for column in columns)] for pair in dict.fromkeys(row.pair for row in rows)]
-    return table(["mean / median / worst", *(", ".join(column) for column in columns)], lines, True)
+    return Table("Errors", ["pair", *(", ".join(column) for column in columns)], lines, "Mean / median / worst.")
 
 
 def chosen_names(wanted: str, names: list[str]) -> list[str]:
@@ -279,11 +283,13 @@ def chosen_names(wanted: str, names: list[str]) -> list[str]:
     return [name for name in names if any(fnmatchcase(name, pattern) for pattern in patterns)]
 
 
-def write_json(path: Path, rows: list[Row]) -> None:
-    """All rows so far, by way of a file beside."""
-    beside = path.with_name(path.name + ".part")
-    beside.write_text(json.dumps({"samples": SAMPLES, "rows": [asdict(row) for row in rows]}, indent=1))
-    beside.replace(path)
+def keep(sheet: Sheet, rows: list[Row]) -> None:
+    """All rows so far."""
+    sheet.figures = {"samples": SAMPLES, "rows": [asdict(row) for row in rows]}
+    sheet.save()
+    for row in rows:
+        if row.failure.startswith(ABSENT):
+            sheet.miss(row.method, row.failure.removeprefix(ABSENT))
 
 
 def parsed() -> argparse.Namespace:
@@ -293,7 +299,7 @@ def parsed() -> argparse.Namespace:
     parser.add_argument("--pairs", default="*", help="names or patterns, separated by commas")
     parser.add_argument("--modes", default="auto,6", help="auto, or numbers of landmarks")
     parser.add_argument("--peers", default="rotation,correspond,nearest,conformal", help="names or patterns of methods")
-    parser.add_argument("--json", type=Path, help="all figures; rewritten after each row")
+    add_options(parser)
     parser.add_argument("--resume", action="store_true", help="with --json: keep the rows that are there, run the others")
     parser.add_argument("--picture", type=Path, help="colours of the target, carried to the source by each method, one line per pair")
     parser.add_argument("--list", action="store_true", help="name the pairs and methods")
@@ -308,8 +314,8 @@ def main() -> None:
         sys.stdout.write(f"pairs: {', '.join(pairs)}\nmethods: {', '.join(METHODS)}\n")
         return
     jobs = [(mode, method) for mode in chosen.modes.split(",") for method in chosen_names(chosen.peers, list(METHODS))]
-    old = json.loads(chosen.json.read_text())["rows"] if chosen.resume and chosen.json and chosen.json.exists() else []
-    rows, shown, stock = [Row(**row) for row in old], [], Stock()
+    old = json.loads(chosen.json.read_text())["figures"]["rows"] if chosen.resume and chosen.json and chosen.json.exists() else []
+    sheet, rows, shown, stock = Sheet.of(chosen), [Row(**row) for row in old], [], Stock()
     done = {(row.pair, row.mode, row.method) for row in rows}
     for name in chosen_names(chosen.pairs, list(pairs)):
         left = [job for job in jobs if (name, *job) not in done]
@@ -318,10 +324,10 @@ def main() -> None:
             rows.append(row)
             found += [picture] if picture is not None else []
             sys.stderr.write("  ".join(line(row)) + "\n")
-            if chosen.json:
-                write_json(chosen.json, rows)
+            keep(sheet, rows)
         shown.append((name, found))
-    sys.stdout.write(table(HEADS, [line(row) for row in rows], True) + "\n" + summary(rows))
+    sheet.add(Table("Correspondences", HEADS, [line(row) for row in rows]))
+    sheet.add(summary(rows))
     if chosen.picture:
         picture_of(shown).save(chosen.picture)
 

@@ -14,11 +14,10 @@ there is named as absent.
 
 import argparse
 import contextlib
-import json
 import os
 import sys
 from collections.abc import Callable, Iterator
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, dataclass, field, replace
 from fnmatch import fnmatchcase
 from functools import cached_property, partial
 from pathlib import Path
@@ -26,16 +25,19 @@ from typing import Any
 
 import numpy as np
 
+from book import Sheet, Table, add_options
 from editing_judge import Figures, Judge
-from editing_peers import OWN, PEERS, PYTHON, Absent, Job, Spent, Tool
+from editing_peers import OWN, PEERS, Absent, Job, Spent, Tool
 from editing_pictures import Shown, picture_of
 from editing_problems import SHAPES, Problem, plane, pulled, subdivided
+from machine import PEER_PYTHON
 from morphlet import read
-from sphere_map import generated, table
+from sphere_map import generated
 
 SECTIONS = ("speed", "energy", "drag", "quality", "handles", "region")
 FRAMES, FEW_FRAMES, MANY = 10, 3, 100_000
 """Frames timed per round; from so many free vertices on, few."""
+UNITS = "Milliseconds, medians of rounds in which all tools take turns."
 ENOUGH = 6.0
 """Seconds of CPU after which a tool is excused from further rounds on a problem."""
 NEAR, MOST = 1.01, 150
@@ -48,6 +50,8 @@ SETTLED = 100
 """Iterations before the quality is judged."""
 SMALL = 41
 """Vertices along a side of the plane that warms up."""
+ABSENT = "absent: "
+"""How the failure of a tool begins that is not installed."""
 MORE = (1, 50, 200)
 """Vertices that join a handle."""
 RADII = (0.1, 0.2, 0.3, 0.45, 0.6, 0.75, 0.9)
@@ -118,7 +122,7 @@ def attempt(bench: Bench, section: str, problem: Problem, tool: Tool, call: Call
     try:
         return call()
     except Absent as error:
-        bench.note(section, problem=problem.name, tool=tool.name, failure=f"absent: {error}")
+        bench.note(section, problem=problem.name, tool=tool.name, failure=f"{ABSENT}{error}")
     except Exception as error:  # whatever a tool raises is its result
         bench.note(section, problem=problem.name, tool=tool.name, failure=f"{type(error).__name__}: {str(error)[:100]}")
     return None
@@ -304,13 +308,13 @@ def against(rows: list[dict[str, Any]], row: dict[str, Any], what: str, own: str
     return f"{row[what] / mine[0]:.2f}" if mine else "-"
 
 
-def failures(rows: list[dict[str, Any]]) -> str:
-    """What could not be run, once each."""
+def failures(rows: list[dict[str, Any]]) -> list[str]:
+    """What went wrong, once each."""
     said = dict.fromkeys((row["tool"], row["failure"]) for row in rows if "failure" in row)
-    return "".join(f"{tool}: {failure}\n" for tool, failure in said)
+    return [f"{tool}: {failure}" for tool, failure in said if not failure.startswith(ABSENT)]
 
 
-def speed_table(rows: list[dict[str, Any]], markdown: bool) -> str:
+def speed_table(rows: list[dict[str, Any]]) -> Table:
     """Set-up and frame, with ratios."""
     heads = ["problem", "free", "tool", "set-up: CPU ms (least) / wall", "/ ARAP", "frame: CPU ms (least) / wall", "/ ARAP", "rounds"]
     lines = [
@@ -320,10 +324,10 @@ def speed_table(rows: list[dict[str, Any]], markdown: bool) -> str:
         ]
         for row in rows
     ]
-    return table(heads, lines, markdown)
+    return Table("Speed", heads, lines, UNITS)
 
 
-def energy_table(rows: list[dict[str, Any]], markdown: bool) -> str:
+def energy_table(rows: list[dict[str, Any]]) -> Table:
     """Iterations, and energies over the least."""
     heads = ["problem", "E*", "tool", "iterations to 1.01 E*", "CPU ms with set-up", "E / E* after 4", "after 10", f"after {MOST}"]
     lines = [
@@ -334,18 +338,18 @@ def energy_table(rows: list[dict[str, Any]], markdown: bool) -> str:
         ]
         for row in rows
     ]
-    return table(heads, lines, markdown)
+    return Table("Iterations to the least energy", heads, lines, UNITS)
 
 
-def drag_table(rows: list[dict[str, Any]], markdown: bool) -> str:
+def drag_table(rows: list[dict[str, Any]]) -> Table:
     """One line per tool and problem."""
     cells = {(row["problem"], row["tool"], row["per_frame"]): f"{row['over_least']:.3f} ({written(row['frame_cpu'])})" for row in rows}
     pairs = dict.fromkeys((row["problem"], row["tool"]) for row in rows)
     lines = [[*pair, *(cells.get((*pair, count), "-") for count in PER_FRAME)] for pair in pairs]
-    return table(["problem", "tool", *(f"{count} a frame: E / E* (CPU ms)" for count in PER_FRAME)], lines, markdown)
+    return Table("Drags", ["problem", "tool", *(f"{count} a frame: E / E* (CPU ms)" for count in PER_FRAME)], lines)
 
 
-def quality_table(rows: list[dict[str, Any]], markdown: bool) -> str:
+def quality_table(rows: list[dict[str, Any]]) -> Table:
     """Tools down, problems across: five figures each."""
     problems, tools = (list(dict.fromkeys(row[key] for row in rows)) for key in ("problem", "tool"))
     cells = {
@@ -358,20 +362,20 @@ def quality_table(rows: list[dict[str, Any]], markdown: bool) -> str:
         for row in rows
     }
     lines = [[tool, *(cells.get((tool, problem), "-") for problem in problems)] for tool in tools]
-    return table(["E / er / lap / dV / SI", *problems], lines, markdown)
+    return Table("Quality", ["E / er / lap / dV / SI", *problems], lines)
 
 
-def handles_table(rows: list[dict[str, Any]], markdown: bool) -> str:
+def handles_table(rows: list[dict[str, Any]]) -> Table:
     """Tools down, counts across; then a frame before and after, of tools that ran it."""
     cells = {(row["tool"], row["added"]): with_least(row, "more") for row in rows}
     for row in rows:
         if "later_cpu" in row:
             cells[f"{row['tool']}, a frame before; after", row["added"]] = f"{with_least(row, 'frames')}; {with_least(row, 'later')}"
     lines = [[tool, *(cells.get((tool, count), "-") for count in MORE)] for tool in dict.fromkeys(tool for tool, _ in cells)]
-    return table(["vertices added: CPU ms (least) / wall", *map(str, MORE)], lines, markdown)
+    return Table("Vertices join the handle", ["vertices added: CPU ms (least) / wall", *map(str, MORE)], lines, UNITS)
 
 
-def region_table(rows: list[dict[str, Any]], markdown: bool) -> str:
+def region_table(rows: list[dict[str, Any]]) -> Table:
     """Regions down, tools across; and the exponents."""
     tools = list(dict.fromkeys(row["tool"] for row in rows))
     free = dict.fromkeys(row["free"] for row in rows)
@@ -389,13 +393,24 @@ def region_table(rows: list[dict[str, Any]], markdown: bool) -> str:
         for count in free
     ]
     slopes = [f"{tool} {_exponent([row for row in rows if row['tool'] == tool]):.2f}" for tool in tools]
-    text = table(["free vertices", *(f"{tool}: set-up / frame, CPU ms" for tool in tools)], lines, markdown)
-    return text + f"\nexponent of a frame's CPU time over free vertices: {', '.join(slopes)}\n"
+    note = f"exponent of a frame's CPU time over free vertices: {', '.join(slopes)}"
+    return Table("The region grows", ["free vertices", *(f"{tool}: set-up / frame, CPU ms" for tool in tools)], lines, UNITS, [note])
 
 
 def _exponent(rows: list[dict[str, Any]]) -> float:
     """Slope of the logarithms."""
     return float(np.polyfit(np.log([row["free"] for row in rows]), np.log([row["frames_cpu"] for row in rows]), 1)[0])
+
+
+def told(sheet: Sheet, section: str, rows: list[dict[str, Any]]) -> None:
+    """A section's table; tools that are not there are named."""
+    sound = [row for row in rows if "failure" not in row]
+    if sound or failures(rows):
+        found = TABLES[section](sound) if sound else Table(section, [], [])
+        sheet.add(replace(found, notes=[*found.notes, *failures(rows)]))
+    for row in rows:
+        if row.get("failure", "").startswith(ABSENT):
+            sheet.miss(row["tool"], row["failure"].removeprefix(ABSENT))
 
 
 RUN = dict(zip(SECTIONS, (speed, energy, drag, quality, handles, region), strict=True))
@@ -410,8 +425,7 @@ def parsed() -> argparse.Namespace:
     parser.add_argument("--only", default=",".join(SECTIONS), help="sections, separated by commas")
     parser.add_argument("--tools", default="*", help="names or patterns, separated by commas")
     parser.add_argument("--rounds", type=int, default=3, help="in which all tools take turns")
-    parser.add_argument("--markdown", action="store_true")
-    parser.add_argument("--json", type=Path, help="all figures")
+    add_options(parser)
     parser.add_argument("--picture", type=Path, help="the shapes under all tools, as a PNG")
     parser.add_argument("--peer-python", help="an interpreter that has Open3D, if this one does not")
     parser.add_argument("--list", action="store_true", help="name the tools")
@@ -425,19 +439,17 @@ def main() -> None:
         sys.stdout.write("".join(f"{tool.name}\n" for tool in tools))
         return
     if chosen.peer_python:
-        os.environ[PYTHON] = chosen.peer_python
+        os.environ[PEER_PYTHON] = chosen.peer_python
     patterns = tuple(chosen.tools.split(","))
     data = None if chosen.data is None else Path(chosen.data)
     bench = Bench(data, tuple(tool for tool in tools if any(fnmatchcase(tool.name, p) for p in patterns)), chosen.rounds)
+    sheet = Sheet.of(chosen)
+    sheet.figures = bench.found
     warm_up(bench)
     for section in chosen.only.split(","):
         RUN[section](bench)
         rows = bench.found.get(section, [])
-        sound = [row for row in rows if "failure" not in row]
-        sys.stdout.write(f"\n{section}\n\n" + (TABLES[section](sound, chosen.markdown) if sound else "") + failures(rows))
-        sys.stdout.flush()
-        if chosen.json:
-            chosen.json.write_text(json.dumps(bench.found, indent=1))
+        told(sheet, section, rows)
     if chosen.picture and bench.shown:
         picture_of(bench.shown).save(chosen.picture)
 

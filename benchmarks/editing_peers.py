@@ -26,6 +26,7 @@ import numpy as np
 import scipy.sparse as sp
 
 from editing_problems import Problem
+from machine import PEER_PYTHON
 from morphlet.editing.arap import Arap
 from morphlet.editing.editor import RoiEditor
 from morphlet.editing.estimated import EstimatedRotations
@@ -46,8 +47,6 @@ ALPHA = 0.02
 """CGAL's own default weight of smooth rotations."""
 SMOOTHING = 2e-4
 """The same of this package: of 2e-5 to 2e-2, the least that spares the bar's volume; from 2e-2 on all ends as the estimated rotations."""
-PYTHON = "MORPHLET_PEER_PYTHON"
-"""Environment variable: an interpreter with Open3D; this one, unless it is set."""
 
 
 class Absent(Exception):
@@ -239,7 +238,7 @@ def cgal(job: Job, algorithm: int) -> Answer:
 
 def peer_python() -> str:
     """An interpreter with Open3D."""
-    return os.environ.get(PYTHON) or sys.executable
+    return os.environ.get(PEER_PYTHON) or sys.executable
 
 
 @cache
@@ -251,7 +250,7 @@ def open3d_works(python: str) -> bool:
 def open3d(job: Job, energy: str) -> Answer:
     """Open3D's deformation, in a process of its own: the job's last frame, from rest; `frames` is the time of one iteration."""
     if not open3d_works(peer_python()):
-        raise Absent(f"Open3D is not installed ({PYTHON} names an interpreter that has it)")
+        raise Absent(f"Open3D is not installed ({PEER_PYTHON} names an interpreter that has it)")
     mesh, counts = job.problem.mesh, [job.iterations] if job.kept else []
     given = {"vertices": mesh.vertices, "faces": mesh.faces, "held": job.problem.held, "places": job.problem.places(job.way[-1])}
     with tempfile.TemporaryDirectory() as folder:

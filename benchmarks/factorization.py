@@ -1,6 +1,6 @@
 """Factorizations side by side, in one run: the package's own Cholesky, SuperLU, and CHOLMOD if it is installed.
 
-python benchmarks/factorization.py [--subdivisions 6] [--repeats 7]
+python benchmarks/factorization.py [--subdivisions 6] [--repeats 7] [--json FILE] [--markdown]
 
 Each backend analyses, factors and solves (3 right-hand sides) the graph Laplacian of a subdivided icosahedron with a small
 shift, its square, and the pattern of two unknowns per vertex. Times are medians in milliseconds; CPU time counts all threads.
@@ -16,9 +16,11 @@ import numpy as np
 import scipy.sparse as sp
 import trimesh
 
+from book import Sheet, Table, add_options
 from morphlet.errors import MissingExtra
 from morphlet.numerics import linalg
 
+HEADS = ["", "analyse ms", "factor ms", "factor CPU ms", "CPU ratio", "solve 3 ms", "nnz(L)/1e6", "residual"]
 SHIFT = 1e-3
 """Makes the Laplacian definite."""
 
@@ -67,23 +69,23 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--subdivisions", type=int, default=6)
     parser.add_argument("--repeats", type=int, default=7)
+    add_options(parser)
     options = parser.parse_args()
+    sheet = Sheet.of(options)
     linalg.factorize(sp.csc_matrix(2.0 * np.eye(2))).solve(np.ones(2))  # compiles
     for name, A in problems(options.subdivisions).items():
-        print(f"\n{name}: {A.shape[0]} unknowns")
-        print(f"{'':12}{'analyse':>9}{'factor':>9}{'cpu':>9}{'cpu ratio':>11}{'solve 3':>9}{'nnz(L)/1e6':>12}{'residual':>10}")
-        reference = None
+        reference, rows = None, []
         for backend in get_args(linalg.Backend):
             try:
                 m = measured(A, backend, options.repeats)
             except MissingExtra as error:
-                print(f"{backend:12}{error}")
+                sheet.miss(backend, str(error))
                 continue
             reference = reference or m["factor cpu"]
-            print(
-                f"{backend:12}{m['analyse']:9.1f}{m['factor wall']:9.1f}{m['factor cpu']:9.1f}{m['factor cpu'] / reference:11.2f}"
-                f"{m['solve']:9.1f}{m['nnz']:12.2f}{m['residual']:10.1e}"
-            )
+            times = [f"{m[key]:.1f}" for key in ("analyse", "factor wall", "factor cpu")]
+            ratio, solve, nnz = f"{m['factor cpu'] / reference:.2f}", f"{m['solve']:.1f}", f"{m['nnz']:.2f}"
+            rows.append([backend, *times, ratio, solve, nnz, f"{m['residual']:.1e}"])
+        sheet.add(Table(f"{name}: {A.shape[0]} unknowns", HEADS, rows))
 
 
 if __name__ == "__main__":

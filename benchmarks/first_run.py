@@ -1,11 +1,17 @@
-"""What a person waits for at the very first run, at the second, and for --help: python benchmarks/first_run.py."""
+"""What a person waits for at the very first run, at the second, and for --help.
 
+python benchmarks/first_run.py [--json FILE] [--markdown]
+"""
+
+import argparse
 import os
 import statistics
 import subprocess
 import sys
 import tempfile
 import time
+
+from book import Sheet, Table, add_options
 
 RUNS = 5
 MORPHLET = (sys.executable, "-m", "morphlet")
@@ -41,9 +47,10 @@ def median(*command: str, **environment: str) -> tuple[float, float]:
 
 
 def main() -> None:
-    """Print the table."""
-    print(f"{os.cpu_count()} cores, load {os.getloadavg()[0]:.1f}")
-    print(f"{'':44s} {'wall s':>8s} {'CPU s':>8s}")
+    """Measure, print the table."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    add_options(parser)
+    sheet, lines = Sheet.of(parser.parse_args()), []
     with tempfile.TemporaryDirectory() as cache:
         places = {"NUMBA_CACHE_DIR": cache, "XDG_CACHE_HOME": cache}
         rows = {
@@ -55,9 +62,11 @@ def main() -> None:
         }
         for name, measure in rows.items():
             wall, cpu = measure()
-            print(f"{name:44s} {wall:8.2f} {cpu:8.2f}", flush=True)
+            lines.append([name, f"{wall:.2f}", f"{cpu:.2f}"])
+            sys.stderr.write("  ".join(lines[-1]) + "\n")
         left = subprocess.run((sys.executable, "-c", LEFT), env=os.environ | places, check=True, capture_output=True, text=True)
-        print(f"{'kernels that a larger job compiles after that':44s} {left.stdout.strip():>8s}")
+    note = f"kernels that a larger job compiles after that: {left.stdout.strip()}"
+    sheet.add(Table("First run, second run, help", ["", "wall s", "CPU s"], lines, f"All but the first: medians of {RUNS} runs.", [note]))
 
 
 if __name__ == "__main__":

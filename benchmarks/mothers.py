@@ -1,8 +1,8 @@
 """The mother wavelets in figures: a table of them all, how alike they are, how alike the paper's bumps are to Gaussians.
 
-    python benchmarks/mothers.py [--picture PATH]
+    python benchmarks/mothers.py [--picture PATH] [--json FILE] [--markdown]
 
-Prints markdown; `--picture` draws every mother with its derivative. Nothing here is a time: the same figures on any machine.
+`--picture` draws every mother with its derivative. Nothing here is a time: the same figures on any machine.
 """
 
 import argparse
@@ -14,6 +14,7 @@ from scipy.integrate import quad
 from scipy.signal import fftconvolve
 from scipy.special import expit
 
+from book import Sheet, Table, add_options
 from morphlet.wavenet.mothers import MOTHERS, PAPER_SIX, SHAPES, Mother, beta, coherence
 
 LOPSIDED = (beta(1, 4, 8), beta(2, 4, 8), beta(2, 8, 4))
@@ -31,11 +32,6 @@ SLOPES = 1 / 3
 """Scale of the derivatives in the picture, so that they fit on the axes of the mothers."""
 PARITIES = {"even": "even, ", "odd": "odd, ", "none": ""}
 BLUE, RED, GREY = "#0072B2", "#D55E00", "#999999"
-
-
-def row(*cells: object) -> str:
-    """A line of a markdown table."""
-    return "| " + " | ".join(map(str, cells)) + " |"
 
 
 def published(psi: Mother) -> tuple[float, float, float]:
@@ -57,33 +53,30 @@ def bump_derivative(psi: Mother) -> Polynomial:
     return ((Polynomial([1, 1]) / (1 + top)) ** p * (Polynomial([1, -1]) / (1 - top)) ** q).deriv(n)
 
 
-def table() -> list[str]:
-    """All mothers: what holds for the normalised one, then what was published."""
-    lines = [
-        row("mother", "parity", "vanishing moments", "reach", "energy", "rms radius", "largest value"),
-        row(*["---"] * 7),
-    ]
+def all_mothers() -> Table:
+    """What holds for the normalised one, then what was published."""
+    heads, lines = ["mother", "parity", "vanishing moments", "reach", "energy", "rms radius", "largest value"], []
     for psi in (*MOTHERS.values(), *LOPSIDED):
         energy, radius, largest = published(psi)
-        lines.append(row(psi.name, psi.parity, psi.vanishing_moments, f"{psi.reach:.2f}", *(f"{v:.5g}" for v in (energy, radius, largest))))
-    return lines
+        figures = (f"{v:.5g}" for v in (energy, radius, largest))
+        lines.append([psi.name, psi.parity, psi.vanishing_moments, f"{psi.reach:.2f}", *figures])
+    return Table("Mother wavelets", heads, lines)
 
 
-def matrix() -> list[str]:
+def matrix() -> Table:
     """Coherence of the paper's six and a few more."""
-    lines = [row("", *(psi.name for psi in COMPARED)), row(*["---"] * (len(COMPARED) + 1))]
-    for i, a in enumerate(COMPARED):
-        lines.append(row(a.name, *(f"{coherence(a, b):.4f}" if j <= i else "" for j, b in enumerate(COMPARED))))
-    return lines
+    lines = [[a.name, *(f"{coherence(a, b):.4f}" if j <= i else "" for j, b in enumerate(COMPARED))] for i, a in enumerate(COMPARED)]
+    return Table("Coherence", ["", *(psi.name for psi in COMPARED)], lines)
 
 
-def gaussians() -> list[str]:
+def gaussians() -> Table:
     """Coherence of the derivatives of the bumps with those of a Gaussian."""
-    lines = [row("p, q", *(f"order {n}" for n in (1, 2, 3))), row(*["---"] * 4)]
+    lines = []
     for p, q in EXPONENTS:
         pairs = [(beta(n, p, q), MOTHERS[GAUSSIANS[n - 1]]) for n in (1, 2, 3)]
-        lines.append(row(f"{p}, {q}", *(f"{coherence(*pair):.4f}" for pair in pairs)))
-    return [*lines, row(f"{p}, {q}, shifted too", *(f"{shifted_coherence(*pair):.4f}" for pair in pairs))]
+        lines.append([f"{p}, {q}", *(f"{coherence(*pair):.4f}" for pair in pairs)])
+    lines.append([f"{p}, {q}, shifted too", *(f"{shifted_coherence(*pair):.4f}" for pair in pairs)])
+    return Table("Coherence with derivatives of a Gaussian", ["p, q", *(f"order {n}" for n in (1, 2, 3))], lines, notes=[mean_of_slog2()])
 
 
 def shifted_coherence(a: Mother, b: Mother) -> float:
@@ -94,11 +87,11 @@ def shifted_coherence(a: Mother, b: Mother) -> float:
     return float(max(overlaps)) * float(t[1] - t[0])
 
 
-def means() -> list[str]:
+def mean_of_slog2() -> str:
     """Integrals of slog2 as it is often printed, with its last two terms at one place, and as it is here."""
     printed = quad(lambda t: 3 * expit(t + 1) - 3 * expit(t - 1) - 3 * expit(t + 3) + 3 * expit(t + 3), -FAR, FAR, points=(-1, 1))[0]
     here = quad(lambda t: float(SHAPES["slog2"].function(np.array(t))), -FAR, FAR, points=(-3, -1, 1, 3))[0]
-    return [f"Integral of slog2 as often printed: {printed:.4f}; as here: {abs(here):.1e}"]
+    return f"Integral of slog2 as often printed: {printed:.4f}; as here: {abs(here):.1e}"
 
 
 def draw(path: Path) -> None:
@@ -137,9 +130,11 @@ def main() -> None:
     """Print the tables; draw the picture if asked."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--picture", type=Path)
+    add_options(parser)
     options = parser.parse_args()
-    for lines in (table(), matrix(), gaussians(), means()):
-        print("\n".join(lines) + "\n")
+    sheet = Sheet.of(options)
+    for make in (all_mothers, matrix, gaussians):
+        sheet.add(make())
     if options.picture:
         draw(options.picture)
 

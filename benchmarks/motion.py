@@ -1,6 +1,6 @@
 """Morph paths and deformation transfer: how well they keep shapes, and what they cost.
 
-    python benchmarks/motion.py [--data DIR] [--automatic] [--reference DIR] [--pictures DIR]
+    python benchmarks/motion.py [--data DIR] [--automatic] [--reference DIR] [--pictures DIR] [--json FILE] [--markdown]
 
 Paths: volume against the straight line between the ends, rms of the log ratio of edge lengths to theirs, the ratio that 1 % of the
 edges fall below, each the worst of t = 0.25, 0.5, 0.75; crossing pairs of triangles at both ends and the most in between. Three
@@ -14,7 +14,6 @@ generated animals stand in. Times are CPU times: medians where there are several
 
 import argparse
 import os
-import sys
 import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
@@ -24,6 +23,7 @@ import numpy as np
 import scipy.sparse as sp
 from scipy.sparse.linalg import splu
 
+from book import Sheet, Table, add_options
 from morphlet import Mesh, VertexPairs, correspond, read, read_pairs, spherical_map, wavelet_bands
 from morphlet.metrics import edge_lengths
 from morphlet.motion.face_pairs import FacePairs, pair_faces
@@ -67,11 +67,6 @@ def cpu(work: Callable[[], Any]) -> tuple[Any, float]:
     start = time.process_time()
     found = work()
     return found, time.process_time() - start
-
-
-def table(heads: list[str], rows: list[list[str]]) -> str:
-    """Rows as markdown."""
-    return "".join(f"| {' | '.join(line)} |\n" for line in [heads, ["---"] * len(heads), *rows])
 
 
 def off(found: np.ndarray, truth: np.ndarray) -> float:
@@ -181,12 +176,11 @@ def copies(name: str, source: Mesh, poses: Poses) -> Iterator[list[str]]:
         yield transferred(f"{name}, remeshed", solver, poses, {key: places.positions(pose) for key, pose in poses})[0]
 
 
-def marked(name: str, source: Mesh, target: Mesh, markers: VertexPairs) -> TransferSolver:
-    """A solver by markers; its times go to stderr."""
+def marked(name: str, source: Mesh, target: Mesh, markers: VertexPairs) -> tuple[TransferSolver, str]:
+    """A solver by markers, and its times."""
     laid, drawn = cpu(lambda: register(source, target, markers))
     pairs, paired = cpu(lambda: pair_faces(laid, target))
-    sys.stdout.write(f"{name}: registration {drawn:.2f} CPU s, pairs of faces {paired:.2f}\n")
-    return TransferSolver.prepare(source, target, pairs)
+    return TransferSolver.prepare(source, target, pairs), f"{name}: registration {drawn:.2f} CPU s, pairs of faces {paired:.2f}"
 
 
 def beside_published(solver: TransferSolver, poses: Poses, meshes: list[Mesh]) -> str:
@@ -194,7 +188,7 @@ def beside_published(solver: TransferSolver, poses: Poses, meshes: list[Mesh]) -
     found, factor, pose = published(solver.reference, solver.system.rest, solver.pairs, poses)
     apart = max(off(mesh.vertices, x) for mesh, x in zip(meshes, found, strict=True))
     times = f"factor {factor:.2f} CPU s, pose {1e3 * pose:.0f} ms"
-    return f"published system, same pairs: {times}, results at most {apart:.4f} of the diagonal apart\n\n"
+    return f"published system, same pairs: {times}, results at most {apart:.4f} of the diagonal apart"
 
 
 def draw(folder: Path, name: str, poses: Poses, meshes: list[Mesh]) -> None:
@@ -208,24 +202,25 @@ def draw(folder: Path, name: str, poses: Poses, meshes: list[Mesh]) -> None:
 
 
 HEADS = ["transfer", "pairs", "prepare s", "pose ms", "mean rms/diagonal", "worst"]
+UNITS = "CPU times."
 
 
-def public(data: Path, chosen: argparse.Namespace) -> None:
+def public(data: Path, chosen: argparse.Namespace, sheet: Sheet) -> None:
     """Everything on public meshes."""
     horse, cat, lion, camel = (read(data / "meshes" / f"{name}.obj") for name in ("horse", "cat", "lion", "camel"))
     horses, cats = poses_of(data, "horse", HORSES), poses_of(data, "cat", CATS)
     banded = [*resolutions(horse, horses[4:5]), *resolutions(cat, [cats[0], cats[2]])]
-    show_paths([*paths(horse, horses), *paths(cat, cats), *banded])
+    show_paths(sheet, [*paths(horse, horses), *paths(cat, cats), *banded])
     known = {}
     if chosen.reference is not None:
         files = {key: chosen.reference / f"{key.replace('cat', 'lion')}.obj" for key, _ in cats}
         known = {key: read(file).vertices for key, file in files.items() if file.exists()}
-    rows, text = [*copies("horse", horse, horses), *copies("cat", cat, cats)], ""
+    rows, notes = [*copies("horse", horse, horses), *copies("cat", cat, cats)], []
     for name, source, target, poses in (("cat-lion", cat, lion, cats), ("horse-camel", horse, camel, horses)):
-        solver = marked(name, source, target, read_pairs(data / "markers" / f"{name}.csv"))
+        solver, times = marked(name, source, target, read_pairs(data / "markers" / f"{name}.csv"))
         row, meshes = transferred(f"{name}, markers", solver, poses, known if name == "cat-lion" else {})
         rows.append(row)
-        text += f"{name}, {beside_published(solver, poses, meshes)}"
+        notes += [times, f"{name}, {beside_published(solver, poses, meshes)}"]
         if chosen.pictures is not None:
             draw(chosen.pictures, name, poses, meshes)
         if name == "cat-lion" and chosen.automatic:
@@ -233,13 +228,13 @@ def public(data: Path, chosen: argparse.Namespace) -> None:
             solver = TransferSolver.prepare(source, target, pair_faces(source.with_vertices(positions), target))
             by_markers = {key: mesh.vertices for (key, _), mesh in zip(poses, meshes, strict=True)}
             rows.append(transferred("cat-lion, automatic" + ("" if known else ", against markers"), solver, poses, known or by_markers)[0])
-    sys.stdout.write("\n" + table(HEADS, rows) + "\n" + text)
+    sheet.add(Table("Transfer", HEADS, rows, UNITS, notes))
 
 
-def show_paths(rows: list[list[str]]) -> None:
+def show_paths(sheet: Sheet, rows: list[list[str]]) -> None:
     """The table of paths."""
     heads = ["pose", "path", "volume %", "rms ln r", "1 % of r", "crossings at ends", "between", "first frame s", "frame ms", "end gap"]
-    sys.stdout.write(table(heads, rows) + "\n")
+    sheet.add(Table("Paths", heads, rows, UNITS))
 
 
 def main() -> None:
@@ -249,17 +244,19 @@ def main() -> None:
     parser.add_argument("--automatic", action="store_true")
     parser.add_argument("--reference", type=Path)
     parser.add_argument("--pictures", type=Path)
+    add_options(parser)
     chosen = parser.parse_args()
+    sheet = Sheet.of(chosen)
     grazer, predator, poses, others = generated()
     Morph(grazer, poses[0][1].vertices, "gradient").frames(3)  # compiles
     if chosen.data is not None:
-        public(Path(chosen.data), chosen)
+        public(Path(chosen.data), chosen, sheet)
         return
-    show_paths(list(paths(grazer, poses)))
+    show_paths(sheet, list(paths(grazer, poses)))
     copy, places = remeshed(predator)
     solver = TransferSolver.prepare(grazer, copy, pair_faces(grazer.with_vertices(predator.vertices), copy))
     row = transferred("grazer to predator", solver, poses, {key: places.positions(mesh) for key, mesh in others})[0]
-    sys.stdout.write(table(HEADS, [*copies("grazer", grazer, poses), row]))
+    sheet.add(Table("Transfer", HEADS, [*copies("grazer", grazer, poses), row], UNITS))
 
 
 if __name__ == "__main__":

@@ -1,20 +1,20 @@
 """Finding the face of 50 000 directions on a spherical map of some 43 000 vertices.
 
-`python benchmarks/point_location.py [--data DIR]` maps the armadillo of the data folder (or MORPHLET_DATA), or a generated body of
-41 000 vertices, and prints the time to build the search and to answer random and sorted directions, with the largest miss: how far
-the weighted mean of the corners is from the direction's ray.
+`python benchmarks/point_location.py [--data DIR] [--json FILE] [--markdown]` maps the armadillo of the data folder (or MORPHLET_DATA),
+or a generated body of 41 000 vertices, and prints the time to build the search and to answer random and sorted directions, with the
+largest miss: how far the weighted mean of the corners is from the direction's ray.
 """
 
 import argparse
 import os
 import statistics
-import sys
 import time
 from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
 
+from book import Sheet, Table, add_options
 from morphlet.io.formats import read
 from morphlet.sphere.locate import Locator
 from morphlet.sphere.map import spherical_map
@@ -39,7 +39,9 @@ def main() -> None:
     """Map, build, ask."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--data", type=Path, default=os.environ.get("MORPHLET_DATA") or None)
-    data = parser.parse_args().data
+    add_options(parser)
+    chosen = parser.parse_args()
+    data = chosen.data
     file = None if data is None else Path(data, "meshes/armadillo.obj")
     mesh = read(file) if file is not None and file.exists() else generated(6, 0.1)
     sphere = spherical_map(mesh)
@@ -49,7 +51,6 @@ def main() -> None:
     along = x[np.lexsort(np.floor(16 * x).T)]  # neighbours follow one another, as in a grid of directions
     search = Locator.prepare(points, topology)
     search.locate(x)
-    sys.stdout.write(f"{mesh.n_vertices} vertices, {QUERIES} directions; medians of {RUNS} runs, milliseconds: wall, CPU\n")
     jobs: dict[str, Callable[[], object]] = {
         "build the search": lambda: Locator.prepare(points, topology),
         "random directions": lambda: search.locate(x),
@@ -57,13 +58,12 @@ def main() -> None:
         "one direction": lambda: search.locate(x[:1]),
         "SphericalMap.locate": lambda: sphere.locate(x),
     }
-    for name, job in jobs.items():
-        wall, cpu = median(job)
-        sys.stdout.write(f"{name:20s} {wall:8.2f} {cpu:8.2f}\n")
+    rows = [[name, *(f"{ms:.2f}" for ms in median(job))] for name, job in jobs.items()]
     faces, weights = search.locate(x)
     ray = np.einsum("kc,kcd->kd", weights, points[topology.faces[faces]])
     miss = np.abs(ray / np.linalg.norm(ray, axis=1, keepdims=True) - x).max()
-    sys.stdout.write(f"largest miss {miss:.1e}\n")
+    title = f"{mesh.n_vertices} vertices, {QUERIES} directions"
+    Sheet.of(chosen).add(Table(title, ["", "wall ms", "CPU ms"], rows, f"Medians of {RUNS} runs.", [f"largest miss {miss:.1e}"]))
 
 
 if __name__ == "__main__":

@@ -1,11 +1,12 @@
 """Reading mesh files: CPU time of morphlet beside trimesh in the same run, on a generated mesh.
 
-`python benchmarks/reading.py` prints one line per format: both medians in milliseconds, and how many times faster morphlet reads.
+`python benchmarks/reading.py [--rounds 5] [--json FILE] [--markdown]` prints one line per format: both medians in milliseconds, and how
+many times faster morphlet reads.
 trimesh splits OBJ vertices at texture seams and checks less; it is called with `process=False`.
 """
 
+import argparse
 import statistics
-import sys
 import tempfile
 import time
 from collections.abc import Callable
@@ -14,6 +15,7 @@ from pathlib import Path
 import numpy as np
 import trimesh
 
+from book import Sheet, Table, add_options
 from morphlet import Mesh
 from morphlet.io.formats import read, write
 
@@ -34,10 +36,10 @@ def torus() -> Mesh:
     return Mesh(np.stack([radius * np.cos(v), radius * np.sin(v), 0.3 * np.sin(u)], axis=1), faces)
 
 
-def medians(calls: list[Callable[[], object]]) -> list[float]:
+def medians(calls: list[Callable[[], object]], rounds: int) -> list[float]:
     """Median CPU time of each call in milliseconds."""
     times: list[list[float]] = [[] for _ in calls]
-    for _ in range(ROUNDS):
+    for _ in range(rounds):
         for call, own in zip(calls, times, strict=True):
             own += [1e3 * timed(call) for _ in range(RUNS)]
     return [statistics.median(own) for own in times]
@@ -52,7 +54,11 @@ def timed(call: Callable[[], object]) -> float:
 
 def main() -> None:
     """Write the mesh in each format, read it with both libraries."""
-    mesh = torus()
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--rounds", type=int, default=ROUNDS)
+    add_options(parser)
+    chosen = parser.parse_args()
+    mesh, rows = torus(), []
     single = mesh.with_vertices(mesh.vertices.astype(np.float32))
     with tempfile.TemporaryDirectory() as folder:
         names = ("full digits.obj", "six digits.obj", "double.ply", "single.ply", "text.ply", "full digits.off")
@@ -65,8 +71,10 @@ def main() -> None:
         peer.export(files["single.ply"], encoding="binary")
         peer.export(files["text.ply"], encoding="ascii")
         for name, file in files.items():
-            ours, theirs = medians([lambda f=file: read(f), lambda f=file: trimesh.load(f, process=False)])
-            sys.stdout.write(f"{name:16s} morphlet {ours:7.1f} ms   trimesh {theirs:7.1f} ms   {theirs / ours:5.2f} times faster\n")
+            ours, theirs = medians([lambda f=file: read(f), lambda f=file: trimesh.load(f, process=False)], chosen.rounds)
+            rows.append([name, f"{ours:.1f}", f"{theirs:.1f}", f"{theirs / ours:.2f}"])
+    heads = ["file", "morphlet CPU ms", "trimesh CPU ms", "times faster"]
+    Sheet.of(chosen).add(Table(f"Reading {mesh.n_faces} faces", heads, rows, f"Medians of {chosen.rounds * RUNS} runs."))
 
 
 if __name__ == "__main__":

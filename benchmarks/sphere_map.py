@@ -1,6 +1,6 @@
 """Spherical maps of many meshes: time, memory and distortion, beside reference measurements of an earlier prototype.
 
-    python benchmarks/sphere_map.py [--data DIR] [--all] [--markdown] [--lapy] [--tradeoff]
+    python benchmarks/sphere_map.py [--data DIR] [--all] [--lapy] [--tradeoff] [--json FILE] [--markdown]
 
 Without a data folder (`--data`, or the variable MORPHLET_DATA) it maps generated bodies. `--all` adds open meshes, poses and the
 large classes; `--lapy` maps with lapy's conformal method as well, where lapy is installed; `--tradeoff` tables weights,
@@ -9,6 +9,7 @@ exponents and balances on the meshes with long limbs. Times are of one warm run;
 
 import argparse
 import contextlib
+import importlib.util
 import os
 import resource
 import sys
@@ -21,6 +22,7 @@ from typing import TypeVar, get_args
 
 import numpy as np
 
+from book import Sheet, Table, add_options
 from morphlet import Mesh
 from morphlet.errors import MorphletError
 from morphlet.io.formats import read
@@ -122,11 +124,9 @@ def row(name: str, found: Run) -> list[str]:
 
 def conformal(mesh: Mesh) -> list[str]:
     """The same figures for lapy's map; it raises on many meshes, and then says so."""
-    try:
-        from lapy import TriaMesh
-        from lapy.conformal import spherical_conformal_map
-    except ImportError:
-        return ["lapy is not installed"]
+    from lapy import TriaMesh
+    from lapy.conformal import spherical_conformal_map
+
     try:
         points, _, cpu, _ = timed(lambda: spherical_conformal_map(TriaMesh(np.array(mesh.vertices), np.array(mesh.faces))))
     except Exception as error:  # whatever a peer raises is its result
@@ -134,15 +134,6 @@ def conformal(mesh: Mesh) -> list[str]:
     x = np.asarray(points) / np.linalg.norm(points, axis=1, keepdims=True)
     q = measure(mesh, x, certificate(x, mesh.faces))
     return [f"{cpu:.2f}", str(q.inverted), f"{q.degree:.3f}", f"{q.iso_mean:.3g}", f"{q.iso_max:.3g}", f"{q.angle_mean_deg:.3g}"]
-
-
-def table(heads: list[str], rows: list[list[str]], markdown: bool) -> str:
-    """Rows as text, in columns or as markdown."""
-    if markdown:
-        lines = [heads, ["---"] * len(heads), *rows]
-        return "".join(f"| {' | '.join(line)} |\n" for line in lines)
-    widths = [max(len(line[k]) for line in [heads, *rows] if k < len(line)) for k in range(len(heads))]
-    return "".join("  ".join(cell.ljust(w) for cell, w in zip(line, widths, strict=False)).rstrip() + "\n" for line in [heads, *rows])
 
 
 def meshes(data: Path | None, everything: bool) -> Iterator[tuple[str, Mesh]]:
@@ -159,10 +150,10 @@ def growth(runs: dict[str, Run]) -> str:
     """Exponent of CPU time over vertices."""
     some = [runs[name] for name in (GROWTH if GROWTH[0] in runs else runs) if name in runs]
     slope = np.polyfit(np.log([r.vertices for r in some]), np.log([r.cpu for r in some]), 1)[0]
-    return f"growth exponent of CPU time, {some[0].vertices} to {some[-1].vertices} vertices: {slope:.2f}\n"
+    return f"growth exponent of CPU time, {some[0].vertices} to {some[-1].vertices} vertices: {slope:.2f}"
 
 
-def tradeoff(data: Path | None, markdown: bool, picture: Path | None) -> str:
+def tradeoff(data: Path | None, picture: Path | None) -> Table:
     """Weights, exponents and balances on limbs, as a table and as curves of angle against area distortion."""
     names = [name for name in LIMBS if data is not None and (data / name).exists()]
     bodies = {Path(name).name: read(data / name) for name in names if data is not None} or {"generated-4": generated(4, 0.1)}
@@ -187,26 +178,32 @@ def tradeoff(data: Path | None, markdown: bool, picture: Path | None) -> str:
         shown = {label.split(": ")[1]: points for label, points in curves.items() if label.startswith(first)}
         drawn = curve_picture(shown, Axis("mean change of angle, degrees"), Axis("spread of the log area ratio"))
         drawn.save(picture)
-    return table(["mesh", "weights", "p", "balance", "iso mean", "p99", "max", "sdA", "ang", "lar", "CPU s"], rows, markdown)
+    heads = ["mesh", "weights", "p", "balance", "iso mean", "p99", "max", "sdA", "ang", "lar", "CPU s"]
+    return Table("Isometry, angles, areas", heads, rows)
 
 
 def main() -> None:
     """Parse the arguments, warm up, map, write."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--data", type=Path, default=os.environ.get("MORPHLET_DATA") or None)
-    for name in ("all", "markdown", "lapy", "tradeoff"):
+    for name in ("all", "lapy", "tradeoff"):
         parser.add_argument(f"--{name}", action="store_true")
+    add_options(parser)
     parser.add_argument("--backend", choices=get_args(Backend), help="who factors; the package's own Cholesky if left out")
     parser.add_argument("--picture", type=Path, help="with --tradeoff: the curves as a PNG")
     chosen = parser.parse_args()
+    sheet = Sheet.of(chosen)
     data = None if chosen.data is None else Path(chosen.data)
     if chosen.backend:
         level_module.analyse = partial(analyse, backend=chosen.backend)
     for level in (3, 5):  # compile the serial and the parallel kernels
         run(generated(level, 0.1), SphereOptions())
     if chosen.tradeoff:
-        sys.stdout.write(tradeoff(data, chosen.markdown, chosen.picture))
+        sheet.add(tradeoff(data, chosen.picture))
         return
+    lapy = chosen.lapy and importlib.util.find_spec("lapy") is not None
+    if chosen.lapy and not lapy:
+        sheet.miss("lapy", "not installed")
     runs, rows, peers = {}, [], []
     for name, mesh in meshes(data, chosen.all):
         sys.stderr.write(f"{name}\n")
@@ -216,13 +213,11 @@ def main() -> None:
             rows.append([Path(name).name, str(mesh.n_vertices), str(error)])
             continue
         rows.append(row(name, runs[name]))
-        if chosen.lapy:
+        if lapy:
             peers.append([Path(name).name, *conformal(mesh)])
-    sys.stdout.write("In brackets: the ratio to the reference measurements.\n\n")
-    sys.stdout.write(table(HEADS, rows, chosen.markdown) + "\n" + growth(runs))
+    sheet.add(Table("Spherical maps", HEADS, rows, "In brackets: the ratio to the reference measurements.", [growth(runs)]))
     if peers:
-        heads = ["lapy, conformal", "CPU s", "inverted", "degree", "iso mean", "iso max", "ang"]
-        sys.stdout.write("\n" + table(heads, peers, chosen.markdown))
+        sheet.add(Table("lapy, conformal", ["mesh", "CPU s", "inverted", "degree", "iso mean", "iso max", "ang"], peers))
 
 
 if __name__ == "__main__":

@@ -1,18 +1,18 @@
 """Spherical maps of input made to break them: every one must come out one-to-one.
 
-`python benchmarks/sphere_torture.py [--markdown]` prints per case the time of one warm run, the rung of the ladder that held, the
-certificate and the distortion (which proves nothing here but that it is finite).
+`python benchmarks/sphere_torture.py [--json FILE] [--markdown]` prints per case the time of one warm run, the rung of the ladder that
+held, the certificate and the distortion (which proves nothing here but that it is finite).
 """
 
 import argparse
-import sys
 
 import numpy as np
 
+from book import Sheet, Table, add_options
 from morphlet import Mesh
 from morphlet.numerics.unit_sphere import icosphere
 from morphlet.sphere.embed import SphereOptions
-from sphere_map import Run, run, table
+from sphere_map import Run, run
 
 
 def bipyramid(sides: int) -> Mesh:
@@ -73,13 +73,13 @@ def row(name: str, found: Run) -> list[str]:
 def main() -> None:
     """Warm up, map, write."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--markdown", action="store_true")
-    chosen = parser.parse_args()
+    add_options(parser)
+    sheet = Sheet.of(parser.parse_args())
     for level in (3, 5):
         run(Mesh(*icosphere(level)), SphereOptions())
     rows = [row(name, run(mesh, SphereOptions())) for name, mesh in cases().items()]
     heads = ["case", "V", "wall s", "CPU s", "attempt", "inverted", "degree", "iso mean", "iso max", "degenerate faces"]
-    sys.stdout.write(table(heads, rows, chosen.markdown))
+    sheet.add(Table("Input made to break maps", heads, rows))
 
 
 if __name__ == "__main__":

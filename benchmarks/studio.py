@@ -4,7 +4,7 @@ A client in a process of its own stands for the page: it sends where the hand is
 and sends the next place once the frame is there (drawing is left out). "region" drags with a geodesic radius of a fifth of the bounding-box
 diagonal, "whole" lets all of the mesh follow but a few vertices that stay. `studio_page.py` measures the same in a real browser.
 
-    python benchmarks/studio.py [--quick]
+    python benchmarks/studio.py [--quick] [--json FILE] [--markdown]
 """
 
 import argparse
@@ -23,6 +23,7 @@ import numpy as np
 from scipy.spatial import ConvexHull
 from websockets.sync.client import connect
 
+from book import Sheet, Table, add_options
 from morphlet import Mesh, write
 from morphlet.studio.server import Running
 
@@ -215,15 +216,13 @@ def main() -> None:
     parser = argparse.ArgumentParser()
     parser.add_argument("--quick", action="store_true")
     parser.add_argument("--client", nargs="+")
+    add_options(parser)
     told = parser.parse_args()
     if told.client:
         url, kind, *rest = told.client
         print(json.dumps(first_picture(url) if kind == "open" else play(url, int(rest[0]), rest[1], int(rest[2]))))
         return
-    updates = 40 if told.quick else UPDATES
-    print(f"load {os.getloadavg()[0]:.1f}, {os.cpu_count()} cores")
-    print("| vertices | follows | updates/s | round trip ms (median, 95 %) | server ms | CPU ms (server, stand-in) |")
-    print("| --- | --- | --- | --- | --- | --- |")
+    updates, sheet, rows = 40 if told.quick else UPDATES, Sheet.of(told), []
     for n in SIZES:
         for region in ("region", "whole"):
             with tempfile.TemporaryDirectory() as folder:
@@ -234,19 +233,26 @@ def main() -> None:
                     found = stand_in(["play", str(n), region, str(updates)], server.url)
             ways = f"{found['median_ms']:.1f}, {found['p95_ms']:.1f}"
             cpu = f"{found['server_cpu']:.1f}, {found['page_cpu']:.1f}"
-            print(f"| {n} | {region} | {found['per_second']:.1f} | {ways} | {found['server_ms']:.1f} | {cpu} |", flush=True)
+            rows.append([n, region, f"{found['per_second']:.1f}", ways, f"{found['server_ms']:.1f}", cpu])
+            sys.stderr.write("  ".join(map(str, rows[-1])) + "\n")
+    heads = ["vertices", "follows", "updates/s", "round trip ms (median, 95 %)", "server ms", "CPU ms (server, stand-in)"]
+    sheet.add(Table("Drags", heads, rows, f"{updates} updates each."))
     with tempfile.TemporaryDirectory() as folder, Running(folder=Path(folder)) as server:
         server.studio.worker.ask(lambda: None).result()
         found = stand_in(["open"], server.url)
-        print(f"first picture of {FIRST_PICTURE} vertices (OBJ, {found['megabytes']:.1f} MB): {found['seconds']:.2f} s", flush=True)
+        sheet.add(
+            Table(
+                "First picture", ["vertices", "MB of OBJ", "s"], [[FIRST_PICTURE, f"{found['megabytes']:.1f}", f"{found['seconds']:.2f}"]]
+            )
+        )
     with tempfile.TemporaryDirectory() as folder:
         file = Path(folder, "mesh.ply")
         write(file, body(SIZES[0]))
         with Running([file], folder=Path(folder, "sessions")) as server:
             server.studio.worker.ask(lambda: None).result()
             held = long_drag(server.url, MINUTES / 10 if told.quick else MINUTES)
-    said = f"{held[0]:.0f} MB at first, {max(held):.0f} MB at most, {held[-1]:.0f} MB at last"
-    print(f"memory of the server during a drag of {len(held)} thousand updates: {said}")
+    heads = ["thousand updates", "MB at first", "at most", "at last"]
+    sheet.add(Table("Memory of the server during a drag", heads, [[len(held), *(f"{one:.0f}" for one in (held[0], max(held), held[-1]))]]))
 
 
 if __name__ == "__main__":

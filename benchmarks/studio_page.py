@@ -1,6 +1,7 @@
 """The studio's page in a real browser: how often the hand's way comes back as vertices in the page's buffers, how soon a mesh is seen.
 
     make studio && python benchmarks/studio_page.py [--peer-python /path/with/viser/bin/python] [--minutes 10]
+                                                   [--json FILE] [--markdown]
 
 The gizmo is taken with the mouse in Chromium; then the pointer moves on as soon as the page has put the vertices that answer its last
 move into its buffers: round trips, one after the other. Drawing is left out (without a graphics card it would be measured alone).
@@ -26,6 +27,8 @@ from typing import Any
 import numpy as np
 from websockets.sync.client import connect
 
+from book import Sheet, Table, add_options
+from machine import PEER_PYTHON
 from morphlet import write
 from morphlet.studio.server import Running
 from studio import FIRST_PICTURE, SIZES, Hand, body, gripped
@@ -41,6 +44,8 @@ PEER_START_SECONDS, PEER_WARM = 3.0, 5
 LONG, PARTS = 30_000, 20
 """Vertices of the mesh of a long drag; looks at the page's memory."""
 PICTURES = 5
+HEADS = ["vertices", "follows", "updates/s", "round trip ms (median, 95 %)", "load"]
+PAGE = Path(__file__).parents[1] / "src/morphlet/studio/static/index.html"
 BEFORE = """
 for (const name of ["clear", "drawElements", "drawArrays"]) WebGL2RenderingContext.prototype[name] = () => {};
 const listen = WebSocket.prototype.addEventListener;
@@ -272,33 +277,48 @@ def measured(n: int, region: str) -> dict[str, float]:
 def main() -> None:
     """All figures."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--peer-python", help="an interpreter that has viser")
+    parser.add_argument("--peer-python", default=os.environ.get(PEER_PYTHON), help="an interpreter that has viser")
     parser.add_argument("--minutes", type=float, default=0.0, help="of a drag without a stop, for the page's memory; nothing else then")
+    add_options(parser)
     told = parser.parse_args()
-    print(f"load {os.getloadavg()[0]:.1f}, {os.cpu_count()} cores")
+    sheet = Sheet.of(told)
+    if program() is None or not PAGE.exists():
+        sheet.miss("page in a browser", "Chromium is needed, and the page that `make studio` builds")
+        return
     if told.minutes:
         with prepared(LONG, "region") as url:
             found = held(url, told.minutes)
-        print(f"page's memory through {told.minutes:g} minutes: {', '.join(f'{size:.1f}' for size in found)} MB")
+        sizes = [[f"{told.minutes * part / PARTS:g}", f"{size:.1f}"] for part, size in enumerate(found)]
+        sheet.add(Table("The page's memory", ["minutes", "MB"], sizes))
         return
-    print("| vertices | follows | updates/s | round trip ms (median, 95 %) | load |\n| --- | --- | --- | --- | --- |")
-    for n in SIZES:
-        for region in ("region", "whole"):
-            line(n, region, measured(n, region))
-        if told.peer_python:
-            found = peer(told.peer_python, n)
-            line(n, f"viser {found['version']}", found)
-    if not told.peer_python:
-        print("viser: not measured; name an interpreter that has it (--peer-python)")
+    sheet.add(Table("Drags", HEADS, drags(told.peer_python, sheet)))
     with prepared(FIRST_PICTURE, None) as url:
         times = sorted(first_picture(url) for _ in range(PICTURES))
-        print(f"first picture of {FIRST_PICTURE} vertices: {', '.join(f'{seconds:.2f}' for seconds in times)} s")
+    sheet.add(Table("First picture", ["vertices", "s, sorted"], [[FIRST_PICTURE, ", ".join(f"{seconds:.2f}" for seconds in times)]]))
 
 
-def line(n: int, what: str, found: dict[str, float]) -> None:
+def drags(peer_python: str | None, sheet: Sheet) -> list[list[Any]]:
+    """Lines of the table."""
+    rows = []
+    for n in SIZES:
+        rows += [line(n, region, measured(n, region)) for region in ("region", "whole")]
+        if peer_python:
+            try:
+                found = peer(peer_python, n)
+                rows.append(line(n, f"viser {found['version']}", found))
+            except (FileNotFoundError, StopIteration):  # nobody is there, or it ended without a word
+                sheet.miss("viser", f"{peer_python} has none")
+    if not peer_python:
+        sheet.miss("viser", f"{PEER_PYTHON} or --peer-python names an interpreter that has it")
+    return rows
+
+
+def line(n: int, what: str, found: dict[str, float]) -> list[Any]:
     """A line of the table."""
     ways = f"{found['median_ms']:.1f}, {found['p95_ms']:.1f}"
-    print(f"| {n} | {what} | {found['per_second']:.1f} | {ways} | {os.getloadavg()[0]:.1f} |", flush=True)
+    told = [n, what, f"{found['per_second']:.1f}", ways, f"{os.getloadavg()[0]:.1f}"]
+    sys.stderr.write("  ".join(map(str, told)) + "\n")
+    return told
 
 
 if __name__ == "__main__":

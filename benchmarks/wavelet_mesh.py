@@ -1,6 +1,7 @@
 """Meshes as a few wavelets over their spheres: quality against the number of wavelets, beside spherical harmonics.
 
     python benchmarks/wavelet_mesh.py [--data DIR] [--most 2000] [--picture PATH] [--variants]
+                                      [--json FILE] [--markdown]
 
 PSNR is 20 log10(bounding-box diagonal / rms distance of the vertices). Harmonics are real and as many as the wavelets and the
 four affine columns beside them, in order of degree, over the same spherical map with the same weights (vertex areas). One fit is
@@ -20,6 +21,7 @@ import numpy as np
 from scipy.linalg import solve_triangular
 from scipy.special import sph_harm_y
 
+from book import Sheet, Table, add_options
 from morphlet import Mesh, SphericalMap, spherical_map
 from morphlet.approximation.surface import ApproximationOptions, SurfaceApproximation, approximate
 from morphlet.io.formats import read
@@ -94,11 +96,6 @@ def timed(mapped: SphericalMap, most: int, options: ApproximationOptions) -> tup
     return found, time.process_time() - cpu
 
 
-def table(heads: list[str], rows: list[list[str]]) -> str:
-    """Rows as markdown."""
-    return "".join(f"| {' | '.join(line)} |\n" for line in [heads, ["---"] * len(heads), *rows])
-
-
 def variants(name: str, mapped: SphericalMap) -> Iterator[list[str]]:
     """Quality and time of each variant."""
     mesh = mapped.mesh
@@ -116,7 +113,9 @@ def main() -> None:
     parser.add_argument("--most", type=int, default=COUNTS[-1], help="wavelets of the largest fit")
     parser.add_argument("--picture", type=Path, help="the curves as a PNG")
     parser.add_argument("--variants", action="store_true")
+    add_options(parser)
     chosen = parser.parse_args()
+    sheet = Sheet.of(chosen)
     counts = [count for count in COUNTS if count <= chosen.most]
     small = spherical_map(Mesh(*icosphere(2)))
     timed(small, 5, replace(ApproximationOptions(), levels=1))  # compiles
@@ -135,10 +134,10 @@ def main() -> None:
         curves[f"{name}, harmonics"] = np.column_stack([counts, peers])
         others.append([name, str(mesh.n_vertices), str(len(found.network)), f"{cpu:.1f}"])
     if chosen.variants:
-        sys.stdout.write(table(["mesh", f"{AT} wavelets", "PSNR", "PSNR by area", "CPU s"], others))
+        sheet.add(Table("Variants", ["mesh", f"{AT} wavelets", "PSNR", "PSNR by area", "CPU s"], others, "PSNR in dB."))
         return
-    sys.stdout.write("PSNR in dB\n\n" + table(["mesh", "", *(str(count) for count in counts)], rows))
-    sys.stdout.write("\n" + table(["mesh", "vertices", "wavelets", "CPU s of the fit"], others))
+    sheet.add(Table("Quality by the number of wavelets", ["mesh", "", *(str(count) for count in counts)], rows, "PSNR in dB."))
+    sheet.add(Table("Cost", ["mesh", "vertices", "wavelets", "CPU s of the fit"], others))
     if chosen.picture is not None:
         curve_picture(curves, Axis("wavelets", "log"), Axis("PSNR, dB")).save(chosen.picture)
 

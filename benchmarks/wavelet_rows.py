@@ -1,6 +1,6 @@
 """Wavelet networks beside their peers, on rows of real geometry images.
 
-    python benchmarks/wavelet_rows.py [--data DIR] [--rows 32] [--picture PNG]
+    python benchmarks/wavelet_rows.py [--data DIR] [--rows 32] [--picture PNG] [--json FILE] [--markdown]
 
 The signals are rows of 128 x 256 lat-long images of meshes in the data folder (`--data`, or the variable MORPHLET_DATA), or of
 generated bodies without one: each coordinate is a signal of its own, over the longest side of the mesh. All runs use one
@@ -32,6 +32,7 @@ from sklearn.linear_model import orthogonal_mp
 from sklearn.neural_network import MLPRegressor
 from threadpoolctl import threadpool_limits
 
+from book import Sheet, Table, add_options
 from morphlet import Mesh
 from morphlet.io.formats import read
 from morphlet.numerics.threads import limited
@@ -42,7 +43,7 @@ from morphlet.sphere.map import spherical_map
 from morphlet.wavenet.fit import FitOptions, fit_rows
 from morphlet.wavenet.library import Library, affine_basis, dyadic_library
 from morphlet.wavenet.mothers import MOTHERS, PAPER_SIX, Mother
-from sphere_map import generated, table
+from sphere_map import generated
 
 MESHES = ("meshes/horse.obj", "meshes/bunny.off", "meshes/face.obj")
 SIZE = 128
@@ -466,7 +467,7 @@ KNOTS: dict[str, Callable[[int], Method]] = {
 }
 
 
-def accuracy(given: Signals) -> tuple[str, dict[str, tuple[Peer, Result]]]:
+def accuracy(given: Signals) -> tuple[Table, dict[str, tuple[Peer, Result]]]:
     """Table A, and what is in it."""
     x = places(given.values.shape[1])
     methods = networks(x) | peers(len(x), len(dyadic_library(PAPER_SIX, x)))
@@ -480,28 +481,28 @@ def accuracy(given: Signals) -> tuple[str, dict[str, tuple[Peer, Result]]]:
     for name, (peer, result) in found.items():
         means = given.means(result.errors)
         lines.append([name, *peer.stored, *(f"{mean:.3g}" for mean in means), f"{means[0] / ours:.2f}", f"{result.milliseconds:.2f}"])
-    return table(heads, lines, True), found
+    return Table(f"A. {WAVELETS} wavelets beside their peers", heads, lines, notes=verdicts(given, found)), found
 
 
 def verdict(given: Signals, ours: tuple[str, Result], theirs: tuple[str, Result]) -> str:
     """Which of two is more exact, and how surely."""
     ratios = theirs[1].errors / ours[1].errors
     if abs(given.means(ratios)[0] - 1) < LITTLE:
-        return f"- {ours[0]} and {theirs[0]} differ by less than {LITTLE:.0%} in MSE.\n"
+        return f"{ours[0]} and {theirs[0]} differ by less than {LITTLE:.0%} in MSE."
     if given.means(ratios)[0] < 1:
         ours, theirs, ratios = theirs, ours, 1 / ratios
     mean, *each = given.means(ratios)
     where = f"higher on {(ratios > 1).mean():.0%} of the signals, in the mean on {sum(one > 1 for one in each)} of {len(each)} meshes"
-    return f"- {theirs[0]} has {mean:.2f} times the MSE of {ours[0]} ({where}).\n"
+    return f"{theirs[0]} has {mean:.2f} times the MSE of {ours[0]} ({where})."
 
 
-def verdicts(given: Signals, found: dict[str, tuple[Peer, Result]]) -> str:
+def verdicts(given: Signals, found: dict[str, tuple[Peer, Result]]) -> list[str]:
     """What table A says: peers that store about as much as networks from a library, and those that store more."""
     others = {name: total(peer) for name, (peer, _) in found.items() if peer.kind != OURS}
     pairs = [(SIX, name) for name, stored in others.items() if stored < FREE - 1]
     pairs += [(FINAL, SIX), (INTERLEAVED, FINAL), (INTERLEAVED, HAT_INTERLEAVED)]
     pairs += [(HAT_INTERLEAVED, name) for name, stored in others.items() if stored >= FREE - 1]
-    return "".join(verdict(given, (a, found[a][1]), (b, found[b][1])) for a, b in pairs)
+    return [verdict(given, (a, found[a][1]), (b, found[b][1])) for a, b in pairs]
 
 
 def total(peer: Peer) -> int:
@@ -513,7 +514,7 @@ REFINEMENTS = ("none", "final", "interleaved")
 RULES = ("mp", "omp", "ols")
 
 
-def libraries(given: Signals) -> str:
+def libraries(given: Signals) -> Table:
     """Table B: many mothers against one, on the same grid, at equal size, before and after refinement."""
     x = places(given.values.shape[1])
     six = dyadic_library(PAPER_SIX, x)
@@ -527,18 +528,17 @@ def libraries(given: Signals) -> str:
         results = [measured(network(library, FitOptions(refinement=refinement)), given.values) for refinement in REFINEMENTS]
         found[name] = results
         lines.append([name, str(len(library)), *(f"{given.means(result.errors)[0]:.3g}" for result in results)])
-    text = table(["library", "candidates", "OLS", "then refined", "refined after each pick"], lines, True)
+    heads, notes = ["library", "candidates", "OLS", "then refined", "refined after each pick"], []
     for stage, title in enumerate(("OLS", "OLS, then refined", "refined after each pick")):
-        text += f"\n{title}:\n\n"
         for names, label in ((single, "the best single one on the same grid"), (equal, "the best single one at equal size")):
             best = min(names, key=lambda name: given.means(found[name][stage].errors)[0])
             one = f"{best} ({label})", found[best][stage]
             rivals = ("six mothers", "six mothers, no shifts") if names is single else ("six mothers",)
-            text += "".join(verdict(given, (many, found[many][stage]), one) for many in rivals)
-    return text
+            notes += [f"{title}: {verdict(given, (many, found[many][stage]), one)}" for many in rivals]
+    return Table(f"B. Many mothers against one ({len(given.values)} of the signals)", heads, lines, notes=notes)
 
 
-def rules(given: Signals) -> str:
+def rules(given: Signals) -> Table:
     """Table of the rules of choice, with both normalisations of Eq. 5."""
     six = dyadic_library(PAPER_SIX, places(given.values.shape[1]))
     found = {
@@ -547,15 +547,15 @@ def rules(given: Signals) -> str:
         for exponent, normalisation in (("-1/2", "unit"), ("+1/2", "literal"))
     }
     lines = [[rule.upper(), *(f"{given.means(found[rule, e].errors)[0]:.3g}" for e in ("-1/2", "+1/2"))] for rule in RULES]
-    text = table(["rule", "Eq. 5 with exponent -1/2", "as printed, +1/2"], lines, True) + "\n"
+    heads, notes = ["rule", "Eq. 5 with exponent -1/2", "as printed, +1/2"], []
     pairs = [(("ols", "-1/2"), ("omp", "-1/2")), (("omp", "-1/2"), ("mp", "-1/2"))]
     for pair in [*pairs, *(((rule, "-1/2"), (rule, "+1/2")) for rule in RULES)]:
         ours, theirs = ((f"{rule.upper()} with {exponent}", found[rule, exponent]) for rule, exponent in pair)
-        text += verdict(given, ours, theirs)
-    return text
+        notes.append(verdict(given, ours, theirs))
+    return Table("Rules of choice and Eq. 5, six mothers", heads, lines, notes=notes)
 
 
-def speed(given: Signals) -> str:
+def speed(given: Signals) -> Table:
     """Table C: CPU time of one batch on one thread; every call starts from the library and the signals."""
     y = given.values[np.linspace(0, len(given.values) - 1, BATCH).round().astype(int)]
     six = dyadic_library(PAPER_SIX, places(y.shape[1]))
@@ -578,7 +578,8 @@ def speed(given: Signals) -> str:
         mean, ratio = np.exp(np.log(few).mean()), result.milliseconds / found["OLS"].milliseconds
         shown = f"{apart:.1e}" if "," in name and "refined" not in name else ""
         lines.append([name, str(len(result.errors)), f"{result.milliseconds:.3g}", f"{ratio:.1f}", f"{mean:.3g}", shown])
-    return table(heads, lines, True) + f"\nThe fit alone, without the values of its networks: {fit_alone(six, y):.3g} ms per signal.\n"
+    note = f"The fit alone, without the values of its networks: {fit_alone(six, y):.3g} ms per signal."
+    return Table(f"C. Speed, one thread, {BATCH} signals at once", heads, lines, "CPU times, medians.", [note])
 
 
 def fit_alone(library: Library, y: Rows) -> float:
@@ -634,17 +635,17 @@ def warm(given: Signals) -> None:
             network(dyadic_library([MOTHERS["slog2"]], x), FitOptions(2, refinement=refinement))(given.values[:size])
 
 
-def report(given: Signals, drawn: Path | None) -> Iterator[str]:
+def report(given: Signals, drawn: Path | None) -> Iterator[Table]:
     """The tables, one after another."""
-    yield f"{len(given.values)} signals of {given.values.shape[1]} samples: {', '.join(given.names)}\n"
-    text, found = accuracy(given)
-    yield f"\n## A. {WAVELETS} wavelets beside their peers\n\n{text}\n{verdicts(given, found)}"
+    size = f"{len(given.values)} signals of {given.values.shape[1]} samples: {', '.join(given.names)}."
+    first, found = accuracy(given)
+    yield replace(first, units=size)
     if drawn is not None:
         picture(given, found).save(drawn)
     few = given.every(THINNING)
-    yield f"\n## B. Many mothers against one ({len(few.values)} of the signals)\n\n{libraries(few)}"
-    yield f"\n## Rules of choice and Eq. 5, six mothers\n\n{rules(given)}"
-    yield f"\n## C. Speed, one thread, {BATCH} signals at once\n\n{speed(given)}"
+    yield libraries(few)
+    yield rules(given)
+    yield speed(given)
 
 
 def main() -> None:
@@ -653,13 +654,14 @@ def main() -> None:
     parser.add_argument("--data", type=Path, default=os.environ.get("MORPHLET_DATA") or None)
     parser.add_argument("--rows", type=int, default=32, help="rows of each image, an even number")
     parser.add_argument("--picture", type=Path, help="bars of table A as a PNG")
+    add_options(parser)
     options = parser.parse_args()
+    sheet = Sheet.of(options)
     given = signals(None if options.data is None else Path(options.data), options.rows)
     with threadpool_limits(1), limited(1):
         warm(given)
-        for text in report(given, options.picture):
-            sys.stdout.write(text)
-            sys.stdout.flush()
+        for found in report(given, options.picture):
+            sheet.add(found)
     sys.stdout.write(f"\n{time.process_time():.0f} CPU s in all\n")
 
 
