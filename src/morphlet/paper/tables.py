@@ -71,7 +71,7 @@ def reading(vertices: int, faces: int) -> str:
     Examples
     --------
     >>> from morphlet.paper.tables import reading
-    >>> reading(4, 4), reading(10, 17)
+    >>> reading(4, 4), reading(10, 15)
     ('can be closed, of genus 0', 'an odd number of faces: not closed')
     """
     if vertices > faces + 2:
