@@ -67,7 +67,7 @@ SCRIPTS = (
 """In the order of the book."""
 EXCUSED = {
     "__main__": "runs the others",
-    "codec_pictures": "draws what codec has found",
+    "codec_pictures": "is run by codec",
     "docs_pictures": "draws pictures of the documentation",
     "editing_gallery": "draws pictures of the documentation",
     "editing_open3d": "is run by editing, in the peers' interpreter",

@@ -10,7 +10,7 @@ vertices and faces may change, at equal root mean square distance, 55 to 75 dB b
 (but networks), against Draco for the mesh and for decimated ones (three face counts, quadrics of libigl and of
 fast_simplification, each on the coarsest lattice that holds; the least counts). order: what keeping the caller's order costs.
 speed: CPU milliseconds per frame after a first run, medians. A tool that is not there is named as absent.
-Bytes are exact. Public meshes are needed: MORPHLET_DATA, or --data, names their folder. Holes are filled first where a mesh's name
+Bytes are exact; with --json the curves of `surfaces` come as a picture beside it. Public meshes are needed: MORPHLET_DATA, or --data, names their folder. Holes are filled first where a mesh's name
 is followed by "closed".
 """
 
@@ -26,6 +26,7 @@ from typing import Any
 import numpy as np
 
 from book import Sheet, add_options, keyed
+from codec_pictures import draw
 from morphlet import CodecOptions, Mesh, MeshSequence, Morph, RepairOptions, decode, encode, encode_surface, read, repair
 from morphlet.codec.auto import fewer_faces, finest_file
 from morphlet.codec.container import DECIMATED
@@ -286,6 +287,8 @@ def main() -> None:
         found = {s.__name__: s for s in (sequences, animation, static, surfaces, order, speed)}[section](Path(options.data), tools)
         sheet.figures[section] = found
         sheet.add(keyed(section, found, UNITS))
+    if options.json is not None and "surfaces" in sheet.figures:
+        draw(sheet.figures["surfaces"], options.json.with_suffix(".png"))
 
 
 if __name__ == "__main__":

@@ -35,12 +35,8 @@ def panel(axes: Any, name: str, rows: list[dict[str, Any]]) -> None:
     axes.grid(alpha=0.3)
 
 
-def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("figures", type=Path)
-    parser.add_argument("output", type=Path)
-    options = parser.parse_args()
-    rows = json.loads(options.figures.read_text())["figures"]["surfaces"]
+def draw(rows: list[dict[str, Any]], output: Path) -> None:
+    """A panel per mesh."""
     names = list(dict.fromkeys(row["mesh"] for row in rows))
     lines = -(-len(names) // COLUMNS)
     figure, axes = plt.subplots(lines, COLUMNS, figsize=(COLUMNS * SIZE, lines * SIZE), squeeze=False)
@@ -50,7 +46,15 @@ def main() -> None:
             panel(axis, names[place], [row for row in rows if row["mesh"] == names[place]])
     axes[0, 0].legend(fontsize=7)
     figure.tight_layout()
-    figure.savefig(options.output, dpi=90)
+    figure.savefig(output, dpi=90)
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("figures", type=Path)
+    parser.add_argument("output", type=Path)
+    options = parser.parse_args()
+    draw(json.loads(options.figures.read_text())["figures"]["surfaces"], options.output)
 
 
 if __name__ == "__main__":
