@@ -10,7 +10,8 @@ vertices and faces may change, at equal root mean square distance, 55 to 75 dB b
 (but networks), against Draco for the mesh and for decimated ones (three face counts, quadrics of libigl and of
 fast_simplification, each on the coarsest lattice that holds; the least counts). order: what keeping the caller's order costs.
 speed: CPU milliseconds per frame after a first run, medians. A tool that is not there is named as absent.
-Bytes are exact; with --json the curves of `surfaces` come as a picture beside it. Public meshes are needed: MORPHLET_DATA, or --data, names their folder. Holes are filled first where a mesh's name
+Bytes are exact; with --json the curves of `surfaces` come as a picture beside it.
+Public meshes are needed: MORPHLET_DATA, or --data, names their folder. Holes are filled first where a mesh's name
 is followed by "closed".
 """
 
