@@ -2,6 +2,7 @@
 
 import json
 import struct
+import time
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack, contextmanager
 from pathlib import Path
@@ -30,6 +31,15 @@ def running(folder: Path, *meshes: Mesh) -> Iterator[Running]:
     with Running(files, folder=folder / "sessions") as server:
         server.studio.worker.ask(lambda: None).result(PATIENCE)
         yield server
+
+
+def wait_for(wanted: Callable[[], bool]) -> None:
+    """Until this holds: the server takes note of a page's end in its own time."""
+    end = time.monotonic() + PATIENCE
+    while not wanted():
+        if time.monotonic() > end:
+            raise AssertionError("still waiting")
+        time.sleep(0.02)
 
 
 class Page:

@@ -19,7 +19,7 @@ from morphlet.studio.hub import MOST_NOTES, Outbox
 from morphlet.studio.messages import MESSAGES, MOST_TEXT
 from morphlet.studio.recovery import Folder
 from morphlet.studio.server import Running, serve
-from studio.pages import Page, running
+from studio.pages import Page, running, wait_for
 from studio.shapes import egg, top
 
 httpx = pytest.importorskip("httpx")
@@ -400,7 +400,7 @@ def test_five_thousand_random_messages_crash_and_leak_nothing(tmp_path):
         assert dragged
         assert seen >= {"json", "type", "field", "input", "order"} - {"type"}
         assert held[-1] - held[1] < 64 * 2**20
-        assert server.studio.hub.boxes == {}
+        wait_for(lambda: server.studio.hub.boxes == {})
         with Page(server.url) as page:
             assert page.ask("reset", what="all")["type"] == "done"
 

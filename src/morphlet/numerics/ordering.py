@@ -12,7 +12,7 @@ import numpy as np
 from jaxtyping import Float, Int, Int32
 from numba import njit
 
-LEAF = 80
+LEAF = 120
 """Nodes of a part that is not cut further: minimum degree orders it better than cutting, until its dense table gets slow."""
 
 HUB = 16.0

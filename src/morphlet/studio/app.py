@@ -188,12 +188,14 @@ class Studio:
             await socket.close(TOO_MANY, f"{MOST_PAGES} pages are open")
             return
         client = next(self._clients)
-        with suppress(WebSocketDisconnect, RuntimeError):
-            box = await self._greeted(socket, client)
-            if box is not None:
-                await self._talk(socket, box)
-        self.hub.leave(client)
-        self.worker.put(lambda: self.session.left(client))
+        try:
+            with suppress(WebSocketDisconnect, RuntimeError):
+                box = await self._greeted(socket, client)
+                if box is not None:
+                    await self._talk(socket, box)
+        finally:
+            self.hub.leave(client)
+            self.worker.put(lambda: self.session.left(client))
 
     async def _greeted(self, socket: WebSocket, client: int) -> Outbox | None:
         """Wait for the page's greeting and answer it; None if there is none."""
