@@ -4,7 +4,8 @@
 
 Names are those of the scripts ("editing", "motion"); all of them run if none is named. In the folder stand afterwards `bench.md` and
 `bench.json` (the machine, every table, the time of each script), and for each script its text and all its figures. Both are written anew
-after every script; one that fails is told in them and the next one runs. Public meshes are used where `--data`, or the variable
+after every script; one that fails is told in them and the next one runs. Where scripts are named, the chapters of the others stay in the
+folder's book if it was made on such a machine: a book can be made in several runs. Public meshes are used where `--data`, or the variable
 MORPHLET_DATA, names their folder. `--quick` takes a few minutes: little of each,
 on generated bodies unless `--data` is given, and no figure to quote.
 Ends with 1 if a script has failed.
@@ -76,6 +77,8 @@ EXCUSED = {
     "studio_viser": "is run by studio_page, in the peers' interpreter",
 }
 """Scripts that measure nothing by themselves, and why they are here."""
+SAME = ("cpu", "cores", "python")
+"""What two machines have in common whose figures stand in one book."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -91,6 +94,8 @@ class Chapter:
     """Of all its processes."""
     load: float
     """Of the machine before it ran."""
+    version: str
+    """Of the sources: the commit, with a plus if they were changed since."""
     tables: list[dict[str, Any]] = field(default_factory=list)
     absent: dict[str, str] = field(default_factory=dict)
 
@@ -113,6 +118,21 @@ class Book:
     """Whether the public meshes are there."""
     chapters: list[Chapter] = field(default_factory=list)
 
+    def keep(self, folder: Path) -> None:
+        """The chapters of the folder's book, if it was made on such a machine with the same meshes."""
+        file = folder / "bench.json"
+        found = json.loads(file.read_text()) if file.exists() else {}
+        alike = {"quick": self.quick, "public_meshes": self.public}
+        own = asdict(self.machine)
+        if found and all(found[key] == value for key, value in alike.items()) and all(found["machine"][key] == own[key] for key in SAME):
+            self.chapters = [Chapter(**one) for one in found["scripts"]]
+
+    def add(self, chapter: Chapter) -> None:
+        """In its place; instead of an older one of its name."""
+        others = [one for one in self.chapters if one.name != chapter.name]
+        names = [script.name for script in SCRIPTS]
+        self.chapters = sorted([*others, chapter], key=lambda one: names.index(one.name) if one.name in names else len(names))
+
     def record(self) -> dict[str, Any]:
         """For programs."""
         loads = {"load_at_start": self.load_at_start, "load_at_end": load()}
@@ -128,9 +148,12 @@ class Book:
         meshes = "public ones, and generated" if self.public else "generated ones only"
         busy = f"{self.load_at_start:.1f} at the start, {load():.1f} at the end"
         lines = [*self.machine.lines(), ["load", busy], ["meshes", meshes]]
-        runs = [[one.name, f"{one.wall_s:.0f}", f"{one.cpu_s:.0f}", f"{one.load:.1f}", _outcome(one)] for one in self.chapters]
+        runs = [[one.name, f"{one.wall_s:.0f}", f"{one.cpu_s:.0f}", f"{one.load:.1f}", one.version, _outcome(one)] for one in self.chapters]
         head = "# Benchmarks\n\n" + ("A quick run: no figure of it is to be quoted.\n\n" if self.quick else "")
-        tables = (Table("Machine", ["", ""], lines), Table("Scripts", ["script", "wall s", "CPU s", "load before", "outcome"], runs))
+        tables = (
+            Table("Machine", ["", ""], lines),
+            Table("Scripts", ["script", "wall s", "CPU s", "load before", "sources", "outcome"], runs),
+        )
         return head + "\n".join([*(one.text(markdown=True) for one in tables), *(one.text() for one in self.chapters)])
 
     def save(self, folder: Path) -> None:
@@ -160,7 +183,17 @@ def run(script: Path, words: Sequence[str], folder: Path) -> Chapter:
     cpu = after.children_user - before.children_user + after.children_system - before.children_system
     found = json.loads(figures.read_text()) if figures.exists() else {}
     told = found.get("command") or " ".join(["python", f"benchmarks/{script.name}", *words])
-    return Chapter(script.stem, about(script), told, process.returncode, wall, cpu, busy, found.get("tables", []), found.get("absent", {}))
+    outcome = (process.returncode, wall, cpu, busy, version())
+    return Chapter(script.stem, about(script), told, *outcome, found.get("tables", []), found.get("absent", {}))
+
+
+def version() -> str:
+    """The commit of the sources, with a plus if they were changed since; "unknown" where they are not in a repository."""
+    call = ["git", "-C", str(HERE), "describe", "--always", "--dirty=+", "--exclude=*"]
+    try:
+        return subprocess.run(call, capture_output=True, text=True, check=True).stdout.strip()
+    except (OSError, subprocess.CalledProcessError):
+        return "unknown"
 
 
 def about(script: Path) -> str:
@@ -199,11 +232,13 @@ def main() -> int:
         os.environ.pop(DATA, None)
     chosen.out.mkdir(parents=True, exist_ok=True)
     book = Book(this_machine(), load(), chosen.quick, bool(os.environ.get(DATA)))
+    if chosen.names:
+        book.keep(chosen.out)
     for script in wanted(chosen.names, chosen.quick):
         sys.stdout.write(f"\n# {script.name}\n\n")
         sys.stdout.flush()
         words = script.quick if chosen.quick else script.full
-        book.chapters.append(run(HERE / f"{script.name}.py", words or (), chosen.out))
+        book.add(run(HERE / f"{script.name}.py", words or (), chosen.out))
         book.save(chosen.out)
     sys.stdout.write(f"\n{chosen.out / 'bench.md'}\n")
     return max((int(one.exit_code != 0) for one in book.chapters), default=0)

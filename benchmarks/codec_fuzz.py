@@ -6,7 +6,7 @@ Files of every mode are flipped, cut, spliced, overwritten, and, with checksums 
 payloads. Counted are: tried; refused (with `CodecError`); partial (read, and said to be incomplete); read (only where the
 checksums were made to fit, so that nothing can be noticed); wrong (read without a word although a checksum is broken, another
 exception, positions that are not finite, faces out of range, a pause of more than ten seconds, or more than twice the memory
-of the sound file and 16 MB). Ends with 1 if any is wrong.
+of the sound file and 1 MB). Ends with 1 if any is wrong.
 """
 
 import argparse
@@ -26,7 +26,7 @@ from morphlet.codec.network import NetworkOptions, network_of_bytes
 
 LONGEST = 10.0
 """Seconds that no small file may take."""
-SPARE = 16 << 20
+SPARE = 1 << 20
 """Bytes of memory beside twice those of the sound file."""
 COUNTS = (0, 1, 2, 255, 65_536, 10**6, 2**31, 10**12, 2**63)
 REALS = (0.0, -1.0, 1e-300, 1e300, float("nan"), float("inf"))

@@ -241,6 +241,29 @@ def test_the_whole_book(bench, script, tmp_path, monkeypatch):
     assert str(tmp_path) not in text
 
 
+def test_a_book_is_made_in_several_runs(bench, script, tmp_path, monkeypatch):
+    names = [script(name, GOOD).stem for name in ("one", "two")]
+    out = tmp_path / "out"
+    monkeypatch.setattr(bench, "HERE", tmp_path)
+    monkeypatch.setenv(bench.DATA, "somewhere")
+    monkeypatch.setattr(bench, "SCRIPTS", tuple(bench.Script(name) for name in names))
+
+    def chapters(*words: str) -> list[str]:
+        monkeypatch.setattr(sys, "argv", ["benchmarks", *words, "--out", str(out)])
+        assert bench.main() == 0
+        return [one["name"] for one in json.loads((out / "bench.json").read_text())["scripts"]]
+
+    assert chapters("two") == ["two"]
+    assert chapters("one") == ["one", "two"]
+    assert chapters("one") == ["one", "two"]
+    assert chapters("two", "--quick") == ["two"]
+    other = json.loads((out / "bench.json").read_text())
+    other["machine"]["cores"] += 1
+    (out / "bench.json").write_text(json.dumps(other))
+    assert chapters("one", "--quick") == ["one"]
+    assert chapters() == ["one", "two"]
+
+
 def test_names_are_checked_and_keep_their_order(bench):
     assert [one.name for one in bench.wanted(["motion", "editing"], False)] == ["editing", "motion"]
     assert "first_run" not in [one.name for one in bench.wanted([], True)]
