@@ -10,7 +10,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from morphlet.errors import InputError, MissingExtra, SolveError
-from morphlet.numerics import linalg, ordering, supernodal
+from morphlet.numerics import elimination, linalg, ordering, supernodal
 
 BACKENDS = [
     pytest.param(
@@ -187,8 +187,8 @@ def test_groups_do_not_change_the_bits(monkeypatch):
     pattern = sp.csc_matrix((np.arange(A.nnz), A.indices, A.indptr), shape=A.shape)
     panels = []
     for groups in (1, 2, 5):
-        monkeypatch.setattr(supernodal, "GROUPS", groups)
-        panels.append(supernodal.factor(supernodal.symbolic(pattern, None), A.data)[0])
+        monkeypatch.setattr(elimination, "GROUPS", groups)
+        panels.append(supernodal.factor(elimination.symbolic(pattern, None), A.data)[0])
     np.testing.assert_array_equal(panels[0], panels[1])
     np.testing.assert_array_equal(panels[0], panels[2])
 
@@ -198,7 +198,7 @@ def test_order_is_a_permutation_with_little_fill():
     A = lower(grid_laplacian(100, 100))
     pattern = sp.csc_matrix((np.arange(A.nnz), A.indices, A.indptr), shape=A.shape)
     for points in (None, grid_points(100, 100)):
-        plan = supernodal.symbolic(pattern, points)
+        plan = elimination.symbolic(pattern, points)
         np.testing.assert_array_equal(np.sort(plan.order), np.arange(10000))
         assert plan.tree.panel[-1] < 100**3 / 2
 
@@ -215,7 +215,7 @@ def test_separator_separates():
 
 
 def test_twins_share_a_node():
-    node, graph, representative = supernodal._compress(lower(two_per_vertex(5, 5)))
+    node, graph, representative = elimination._compress(lower(two_per_vertex(5, 5)))
     np.testing.assert_array_equal(node, np.repeat(np.arange(25), 2))
     np.testing.assert_array_equal(representative, np.arange(0, 50, 2))
     assert len(graph.nodes) == 2 * (2 * 20 + 16)

@@ -17,7 +17,7 @@ from scipy.sparse.linalg import splu
 
 from morphlet import _arrays
 from morphlet.errors import InputError, MissingExtra, SolveError
-from morphlet.numerics import stiffer, supernodal
+from morphlet.numerics import elimination, stiffer, supernodal
 
 Backend = Literal["supernodal", "superlu", "cholmod"]
 """Who factors: the package's own Cholesky, SuperLU of scipy, or CHOLMOD of scikit-sparse (an extra). Never chosen by what is installed."""
@@ -411,7 +411,7 @@ def _prepare_supernodal(pattern: sp.csc_matrix, points: np.ndarray | None) -> Pr
     n = pattern.shape[0]
     if n == 0:
         return np.arange(0), lambda _: Factor(0, 0, np.array)
-    plan = supernodal.symbolic(pattern, points)
+    plan = elimination.symbolic(pattern, points)
 
     def numeric(values: np.ndarray) -> Factor:
         panels, row = supernodal.factor(plan, values)
@@ -426,7 +426,7 @@ def _prepare_supernodal(pattern: sp.csc_matrix, points: np.ndarray | None) -> Pr
 class _Panels:
     """What the factor of a matrix and those of stiffer ones share."""
 
-    plan: supernodal.Symbolic
+    plan: elimination.Symbolic
     panels: Float[np.ndarray, "p"]
 
     @cached_property

@@ -9,7 +9,8 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from morphlet.numerics.compiled import kernel
-from morphlet.numerics.supernodal import NOTHING, WIDTH, Projection, Tree, forward, padded, subtract, triangulate
+from morphlet.numerics.elimination import Tree
+from morphlet.numerics.supernodal import NOTHING, WIDTH, Projection, forward, padded, subtract, triangulate
 
 SHARE = 0.25
 """Entries of the projection, relative to those of the factor, beyond which a new factorization pays off."""
