@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 
 from morphlet.errors import InputError
 from morphlet.numerics import threads
-from morphlet.wavenet import refine
+from morphlet.wavenet import descent, refine
 from morphlet.wavenet.blocks import NetworkTable
 from morphlet.wavenet.library import Library, affine_basis, dyadic_library
 from morphlet.wavenet.mothers import MOTHERS, beta, make_mother
@@ -91,9 +91,9 @@ def objective(mothers, kinds, theta, y):
     samples, w = np.vstack([X, affine_basis(X).T]), len(kinds)
     columns, ranges, rest = np.zeros((3, w + 2, len(X))), np.zeros((w + 2, 2), np.int64), y.copy()
     factor, weights, sizes = np.zeros((w + 2, w + 2)), np.zeros((len(y), w + 2)), len(X) * np.exp(theta[1])
-    refine._columns(samples, refine._tables(mothers), kinds, theta, columns, ranges)
-    value, _ = refine._evaluate(columns[0], ranges, sizes, factor, weights, rest)
-    hessian, gradient = refine._derivatives(columns, ranges, sizes, factor, weights, rest)
+    descent._columns(samples, refine._tables(mothers), kinds, theta, columns, ranges)
+    value, _ = descent._evaluate(columns[0], ranges, sizes, factor, weights, rest)
+    hessian, gradient = descent._derivatives(columns, ranges, sizes, factor, weights, rest)
     return value, 2 * hessian, 2 * gradient, columns, weights, rest
 
 
@@ -127,7 +127,7 @@ def test_the_matrix_is_that_of_the_projected_jacobian():
     """Kaufman: derivatives of the columns times weights, less their projection, computed in the space of the samples."""
     kinds, theta = np.array([0, 1, 2]), np.array([[0.2, 0.5, 0.7], np.log([0.1, 0.2, 0.05])])
     _, hessian, _, columns, weights, _ = objective(MIXED, kinds, theta, np.ascontiguousarray(signal(5, 2).T))
-    sizes = np.sqrt(refine.RIDGE * len(X) * np.exp(theta[1]))
+    sizes = np.sqrt(descent.RIDGE * len(X) * np.exp(theta[1]))
     A = np.vstack([columns[0].T, np.hstack([np.zeros((3, 2)), np.diag(sizes)])])
     Q, _ = np.linalg.qr(A)
     jacobian = []
@@ -315,7 +315,7 @@ def test_later_picks_are_the_best_beside_the_wavelets_that_have_moved():
     signals = refine._prepare(X, signal(4)[None], (HAT,))
     pool = refine._pool(signals, HATS)
     y = signals.unit(0)[0]
-    Q, rest = refine._project(samples, signals.tables, y, np.zeros(4, int), theta)
+    Q, rest = descent.project(samples, signals.tables, y, np.zeros(4, int), theta)
     np.testing.assert_allclose(Q @ Q.T, np.eye(6), atol=1e-13)
     np.testing.assert_allclose(rest @ Q.T, 0, atol=1e-13)
     values = np.zeros((len(pool.first), len(X)))
@@ -324,8 +324,8 @@ def test_later_picks_are_the_best_beside_the_wavelets_that_have_moved():
         values[i, first : first + len(part)] = part
     np.testing.assert_allclose(np.linalg.norm(values, axis=1), 1, rtol=1e-9)
     left = pool.inside - ((values @ Q[2:].T) ** 2).sum(axis=1)
-    scores = np.where(left > refine.LEAST_REMAINDER * pool.inside, (values @ rest[0]) ** 2 / left, 0)
-    assert refine._best(Q, rest, pool.values, pool.offsets, pool.first, pool.inside) == np.argmax(scores)
+    scores = np.where(left > descent.LEAST_REMAINDER * pool.inside, (values @ rest[0]) ** 2 / left, 0)
+    assert descent.best_candidate(Q, rest, pool.values, pool.offsets, pool.first, pool.inside) == np.argmax(scores)
 
 
 def test_interleaving_beats_refining_at_the_end():
