@@ -17,7 +17,7 @@ PAGE_SOURCES := $(shell find studio -path studio/node_modules -prune -o -type f 
 NO_NPM := no npm: the studio's page cannot be built (Node.js 20.19 or newer is needed)
 
 APART := open3d viser
-BESIDE := DracoPy zstandard fast-simplification scikit-sparse
+BESIDE := scikit-sparse
 MADE_PEERS = $(wildcard $(VENV)/peers/bin/python)
 PEERED = $(if $(MORPHLET_PEER_PYTHON),,$(if $(MADE_PEERS),MORPHLET_PEER_PYTHON=$(CURDIR)/$(MADE_PEERS)))
 ABSENT := cannot be installed here: it will be named as absent

@@ -61,8 +61,10 @@ SCRIPTS = (
     Script("motion", ("--automatic",)),
     Script("codec"),
     Script("codec_fuzz", quick=("--seconds", "5")),
+    Script("torture", quick=("--quick", "--only", "readers,faults")),
     Script("studio", quick=("--quick",)),
     Script("studio_page", quick=None),
+    Script("many_meshes", quick=("--items", "100")),
     Script("growth", quick=("--most", "4000")),
 )
 """In the order of the book."""

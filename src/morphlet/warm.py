@@ -30,6 +30,9 @@ from morphlet.editing.space import Lattice, MovingLeastSquares
 from morphlet.mapping.chord import Images
 from morphlet.mapping.laying import Target
 from morphlet.mapping.polish import Goals, Polish
+from morphlet.motion.face_pairs import pair_faces
+from morphlet.motion.registration import register
+from morphlet.motion.transfer import transfer
 from morphlet.numerics.linalg import factorize
 from morphlet.numerics.optimize import Trace
 from morphlet.numerics.unit_sphere import icosphere
@@ -55,7 +58,7 @@ COLLECT_AFTER = 200_000
 
 
 def marker(of: str = "kernels") -> Path:
-    """The file that says these versions' kernels are compiled: those of the main job, "edits", "codec", or "surfaces"."""
+    """The file that says these versions' kernels are compiled: those of the main job, or another of `COMPILERS`."""
     cache = os.environ.get("XDG_CACHE_HOME") or os.path.expanduser("~/.cache")
     newest = max(int(file.stat().st_mtime) for file in Path(__file__).parent.rglob("*.py"))
     return Path(cache) / "morphlet" / f"{of}-{version('morphlet')}-numba-{version('numba')}-{newest}"
@@ -99,6 +102,14 @@ def compile_edits() -> None:
     _mark(marker("edits"))
 
 
+def compile_poses() -> None:
+    """Give a small ball a pose, which compiles and caches every kernel of transfer that the main job has no use for."""
+    ball, chosen = Mesh(*icosphere(1)), np.arange(4)
+    with _few_collections():
+        transfer(ball, ball, ball, pair_faces(register(ball, ball, VertexPairs(chosen, chosen)), ball))
+    _mark(marker("poses"))
+
+
 def compile_codec() -> None:
     """Tell a ball and its poses, and read them back, which compiles and caches every kernel of the codec."""
     ball = Mesh(*icosphere(LEVEL))
@@ -116,7 +127,13 @@ def compile_surfaces() -> None:
     _mark(marker("surfaces"))
 
 
-COMPILERS = {"kernels": compile_kernels, "edits": compile_edits, "codec": compile_codec, "surfaces": compile_surfaces}
+COMPILERS = {
+    "kernels": compile_kernels,
+    "edits": compile_edits,
+    "poses": compile_poses,
+    "codec": compile_codec,
+    "surfaces": compile_surfaces,
+}
 """What compiles each of the sets of kernels."""
 
 

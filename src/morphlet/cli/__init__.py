@@ -4,13 +4,15 @@
 they need when they run, so that `morphlet --help` is instant.
 """
 
+import os
 import sys
 from collections.abc import Sequence
+from functools import reduce
 
 from cyclopts import App, CycloptsError, UnknownOptionError
 
 from morphlet import __version__
-from morphlet.cli import compression, editing, features, house, maps, meshes, motion, networks, paper, spheres, window
+from morphlet.cli import batch, compression, editing, features, house, maps, meshes, motion, networks, paper, spheres, window
 from morphlet.console import refuse
 
 VERBS = (
@@ -25,6 +27,9 @@ VERBS = (
     *(paper.paper, house.demo, house.warmup),
 )
 
+BLAS_THREADS = ("OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "VECLIB_MAXIMUM_THREADS", "OMP_NUM_THREADS")
+"""Variables that tell the libraries below numpy how many threads to start."""
+
 app = App(
     name="morphlet",
     version=__version__,
@@ -33,10 +38,13 @@ app = App(
 )
 for verb in VERBS:
     app.command(verb)
+app.command(batch.app)
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Parse, run, and return the exit code."""
+    for name in BLAS_THREADS:  # more of them would change the last bits with the machine, and gain nothing on matrices of this size
+        os.environ.setdefault(name, "1")
     given = sys.argv[1:] if arguments is None else list(arguments)
     for stream in (sys.stdout, sys.stderr):
         if hasattr(stream, "reconfigure"):  # names of files need not be text
@@ -54,7 +62,7 @@ def _usage(error: CycloptsError) -> str:
     verb = " ".join(error.command_chain or ())
     hint = f"try morphlet {verb} --help" if verb else "try morphlet --help"
     if verb and isinstance(error, UnknownOptionError):
-        options = [argument.names[0] for argument in app[verb].assemble_argument_collection()]
+        options = [argument.names[0] for argument in reduce(App.__getitem__, verb.split(), app).assemble_argument_collection()]
         hint = f"{verb} of this version has {', '.join(name for name in options if name.startswith('--'))}; {hint}"
     text = str(error)
     return f"{text if text.endswith('...') else text.rstrip('.')}; {hint}"

@@ -27,6 +27,8 @@ def correspond(
     *,
     output: Output,
     pairs: Pairs = None,
+    a_sphere: Path | None = None,
+    b_sphere: Path | None = None,
     mending: Mending = MENDING,
     common: Common = DEFAULTS,
 ) -> int:
@@ -40,16 +42,20 @@ def correspond(
         Target mesh.
     output
         .npz file: a face of B and weights for each vertex of A.
+    a_sphere
+        .npz file that sphere wrote for A, which is taken instead of making the map again.
+    b_sphere
+        The same for B.
     """
 
     def work(run: Run) -> dict[str, Any]:
         run.file(output, ".npz")
-        matched = steps.matched(run, (a, b), pairs, mending)
+        matched = steps.matched(run, (a, b), pairs, mending, (a_sphere, b_sphere))
         matched.correspondence.save(run.place(output))
         draw_correspondence(run, matched)
         return matched.figures() | steps.circumstances(matched)
 
-    return execute("correspond", steps.present(a, b, pairs), common, work)
+    return execute("correspond", steps.present(a, b, pairs, a_sphere, b_sphere), common, work)
 
 
 def carry(

@@ -156,12 +156,14 @@ def transfer(
 
 def _schedule(path: Path | None, travel: str) -> "Schedule | None":
     """The schedule of a file, for a path that has use for one."""
+    from morphlet import _store
     from morphlet.motion.schedule import Schedule
 
     if path is None:
         return None
     if travel == "linear":
         raise InputError("--path wavelet or gradient for a --schedule", "--path linear", "choose such a path, or leave the schedule out")
+    _store.toml(path, f"a schedule at {path}")
     return Schedule.read(path)
 
 
@@ -173,7 +175,6 @@ def write_frames(
         from morphlet.pipeline import morph_along
         from morphlet.report.story import write_morph
 
-        _compile_frames()
     run.stage("frames")
     result = morph_along(matched, *travel)
     figures = result.figures() | steps.circumstances(matched) | {"path": result.morph.path}
@@ -184,16 +185,6 @@ def write_frames(
     shoot(run, film, result.frames)
     steps.write_result(run, folder, figures)
     return figures
-
-
-def _compile_frames() -> None:
-    """Move a small ball on its way and measure it, so that all kernels are compiled."""
-    from morphlet.motion.morph import Morph, self_intersections_max
-    from morphlet.numerics.unit_sphere import icosphere
-    from morphlet.surface.mesh import Mesh
-
-    ball = Mesh(*icosphere(1))
-    self_intersections_max(Morph(ball, 2 * ball.vertices, "gradient").frames(3))
 
 
 def _require_poses(files: Sequence[Path]) -> None:
@@ -212,6 +203,7 @@ def _poses(rest: "Mesh", paths: Sequence[Path]) -> "tuple[list[str], list[Mesh]]
 
     import numpy as np
 
+    from morphlet.io.gltf_shapes import unique
     from morphlet.io.sequences import read_poses
 
     found = read_poses(*paths)
@@ -222,7 +214,7 @@ def _poses(rest: "Mesh", paths: Sequence[Path]) -> "tuple[list[str], list[Mesh]]
             "" if faces.shape != rest.faces.shape else " of others"
         )
         raise InputError(needed, told, "export the pose with the faces of the reference, in its order")
-    return [re.sub(UNNAMEABLE, "_", name) for name in found.names], [rest.with_vertices(x) for x in found.sequence.positions]
+    return list(unique(re.sub(UNNAMEABLE, "_", name) for name in found.names)), [rest.with_vertices(x) for x in found.sequence.positions]
 
 
 def _transferred(
@@ -238,7 +230,7 @@ def _transferred(
         from morphlet.motion.transfer import TransferSolver
         from morphlet.surface.sequence import MeshSequence
 
-        _compile_transfer()
+    steps.warm(run, "poses")
     pairs, mending, stance = given
     if pairs is None:
         steps.warm(run)
@@ -322,18 +314,3 @@ def _standing(run: Run, reference: "Mesh", laid: "Mesh") -> tuple[str, ...]:
     told = f"the target stands turned by {degrees:.0f} degrees against the reference, which poses do not follow: turn one of them first"
     run.say(f"note: {told}")
     return (told,)
-
-
-def _compile_transfer() -> None:
-    """Give a small ball a pose, so that all kernels are compiled."""
-    import numpy as np
-
-    from morphlet.motion.face_pairs import pair_faces
-    from morphlet.motion.registration import register
-    from morphlet.motion.transfer import transfer as give
-    from morphlet.numerics.unit_sphere import icosphere
-    from morphlet.surface.mesh import Mesh
-    from morphlet.surface.pairs import VertexPairs
-
-    ball, chosen = Mesh(*icosphere(1)), np.arange(4)
-    give(ball, ball, ball, pair_faces(register(ball, ball, VertexPairs(chosen, chosen)), ball))

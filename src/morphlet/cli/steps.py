@@ -23,6 +23,7 @@ RESULT = "result.json"
 FIRST_USE = {
     "kernels": "compiling the kernels: once, about 40 seconds on two cores; later runs start at once",
     "edits": "compiling the kernels of editing: once, about a quarter of a minute; later edits start at once",
+    "poses": "compiling the kernels of pose transfer: once, about ten seconds; later transfers start at once",
     "codec": "compiling the kernels of the codec: once, about a quarter of a minute; later files start at once",
     "surfaces": "compiling the kernels of coded surfaces: once, about ten seconds; later files start at once",
 }
@@ -35,7 +36,7 @@ def present(*files: Path | None) -> list[Path | str]:
 
 
 def warm(run: Run, of: str = "kernels") -> None:
-    """Compile the kernels of the main job, of editing or of the codec if this is their first use, and say so."""
+    """Compile the kernels of the main job, or of another set, if this is their first use, and say so."""
     with run.uncounted():
         from morphlet.warm import COMPILERS, compiled
 
@@ -114,14 +115,30 @@ def inside(pairs: "VertexPairs", ends: "Ends") -> "VertexPairs":
     return VertexPairs(ends[0].vertex_map[pairs.source], ends[1].vertex_map[pairs.target], pairs.weight, pairs.labels)
 
 
-def matched(run: Run, files: tuple[Path, Path], pairs: Path | None, mending: Mending = MENDING) -> "CorrespondResult":
-    """Read, map, match, align, lay one into the other's sphere."""
+def stored(file: Path, sphere: Path | None) -> "SphericalMap | None":
+    """The spherical map of a mesh file that was stored, if one is named."""
+    from morphlet.io.formats import read
+    from morphlet.sphere.map import SphericalMap
+
+    return None if sphere is None else SphericalMap.load(sphere, read(file))
+
+
+def matched(
+    run: Run,
+    files: tuple[Path, Path],
+    pairs: Path | None,
+    mending: Mending = MENDING,
+    spheres: tuple[Path | None, Path | None] = (None, None),
+) -> "CorrespondResult":
+    """Read, map (unless the maps are stored), match, align, lay one into the other's sphere."""
     with run.uncounted():
         from morphlet.pipeline import correspond_maps
 
-    ends = closed(run, files[0], mending), closed(run, files[1], mending)
+    a, b = stored(files[0], spheres[0]), stored(files[1], spheres[1])
+    ends = a.surface if a else closed(run, files[0], mending), b.surface if b else closed(run, files[1], mending)
     told = given(pairs, ends)
-    maps = mapped(run, ends[0], files[0].name), mapped(run, ends[1], files[1].name)
+    maps = a or mapped(run, ends[0], files[0].name), b or mapped(run, ends[1], files[1].name)
+    warm(run)
     run.stage("regions, alignment, dense map")
     found = correspond_maps(*maps, told, run.on_step)
     kept = 0 if told is None else len(told)

@@ -87,6 +87,7 @@ class _Blocks(NamedTuple):
 
 
 def from_counts(counts: Int[np.ndarray, "s"]) -> Int[np.ndarray, "s+1"]:
+    """Where each of so many things of each kind starts, and where the last ones end."""
     return np.concatenate([np.zeros(1, np.int64), np.cumsum(counts)])
 
 
