@@ -41,7 +41,7 @@ def index(values: Any, name: str, shape: Shape, below: int) -> np.ndarray:
     if raw.size and raw.dtype.kind not in "iu" and not (raw.dtype.kind == "f" and np.all(raw == np.floor(raw))):
         raise InputError(f"integer indices in {name}", f"values of type {raw.dtype}", "convert them to integers")
     array = _copy(raw, name, np.int64)
-    if array.size == 0:
+    if array.size == 0 and None in shape:
         array = array.reshape([0 if s is None else s for s in shape])
     _check_shape(array, name, shape)
     if array.size and (array.min() < 0 or array.max() >= below):

@@ -69,7 +69,9 @@ def test_how_tos_and_concepts_show_python(page: Path) -> None:
 def test_shell_lines_name_verbs_and_options_that_there_are(page: Path) -> None:
     from morphlet.cli import main
 
-    for line in re.findall(r"^morphlet (batch [a-z-]+|\w+)(.*)$", "\n".join(SHELL.findall(page.read_text(encoding="utf-8"))), flags=re.MULTILINE):
+    for line in re.findall(
+        r"^morphlet (batch [a-z-]+|\w+)(.*)$", "\n".join(SHELL.findall(page.read_text(encoding="utf-8"))), flags=re.MULTILINE
+    ):
         verb, rest = line[0], line[1].partition("#")[0]
         told = helped(main, verb)
         for option in re.findall(r"(?<= )--[a-z-]+", rest):

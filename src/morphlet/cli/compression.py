@@ -25,6 +25,9 @@ USUAL_RMS = "0.05%"
 """Of the bounding-box diagonal: 66 dB."""
 FIGURES = ("mode", "bytes", "bits_per_vertex", "rms", "hausdorff", "kg_error", "max_vertex_error", "psnr")
 """What is told of every file that keeps a surface."""
+ANCHOR = "import sys; from morphlet.codec.draco import draco_size; print(draco_size(sys.stdin.buffer.read()))"
+PATIENCE = 60.0
+"""Seconds for a figure to compare with."""
 MOST_BITS = 24
 """Of a lattice for --bits: files of meshes hold no more in single precision."""
 
@@ -160,18 +163,26 @@ def _encode_network(run: Run, mesh: "Mesh", output: Path, size: int) -> dict[str
 
 
 def _anchors(candidates: "tuple[Trial, ...]") -> dict[str, int | None]:
-    """What Draco would take for the mesh's own faces, and for fewer, on the same lattices; None without DracoPy."""
-    from morphlet.codec.draco import draco_size
-    from morphlet.errors import MissingExtra
+    """What Draco would take for the mesh's own faces, and for fewer, on the same lattices; None without DracoPy, or where it fails."""
+    from importlib.util import find_spec
 
     sizes: dict[str, int | None] = {"draco": None, "decimated_draco": None}
     for candidate, name in ((c, {"exact": "draco", "decimated": "decimated_draco"}.get(c.mode)) for c in candidates):
-        if name is not None and candidate.data is not None:
-            try:
-                sizes[name] = draco_size(candidate.data)
-            except MissingExtra:
-                break
+        if name is not None and candidate.data is not None and find_spec("DracoPy") is not None:
+            sizes[name] = _anchor(candidate.data)
     return sizes
+
+
+def _anchor(data: bytes) -> int | None:
+    """Bytes of Draco, found in a process of its own: there are meshes that end it."""
+    import subprocess
+    import sys
+
+    try:
+        done = subprocess.run([sys.executable, "-c", ANCHOR], input=data, capture_output=True, timeout=PATIENCE, check=False)
+    except (OSError, subprocess.TimeoutExpired):
+        return None
+    return int(done.stdout) if done.returncode == 0 else None
 
 
 def decode(
@@ -200,12 +211,13 @@ def decode(
 
     def work(run: Run) -> dict[str, Any]:
         with run.uncounted():
+            from morphlet import _store
             from morphlet.codec.reading import decode_network, decode_part
 
         run.folder(output)
         promise_film(run, film)
         try:
-            data = file.read_bytes()
+            data = _store.contents(file)
         except OSError as problem:
             raise FileError(f"a .mlw file at {file}", problem.strerror or str(problem), "check the path and its permissions") from problem
         steps.warm(run, "codec")

@@ -7,6 +7,7 @@ from morphlet.cli import steps
 from morphlet.cli.options import DEFAULTS, MESHES, Cuts, Kept, MaybeOutput, Output
 from morphlet.cli.pictures import draw_mesh
 from morphlet.console import Common, Run, execute
+from morphlet.errors import MeshError
 
 
 def info(mesh: Path, /, *, common: Common = DEFAULTS) -> int:
@@ -78,6 +79,9 @@ def repair(
         run.file(output, *MESHES)
         shape = read(mesh)
         mended = mend(shape, RepairOptions(weld, orient, split, fill, component, cut_handles, drop))
+        if mended.mesh.n_faces == 0:
+            advice = "mend it where it comes from: faces that repeat a vertex, lie back to back or occur twice are dropped"
+            raise MeshError(f"faces to keep in {mesh}", f"none of {shape.n_faces}", advice)
         write(run.place(output), mended.mesh)
         draw_mesh(run, mended.mesh)
         return {"before": asdict(describe(shape)), "after": asdict(describe(mended.mesh)), "repairs": steps.repairs(mended)}

@@ -5,7 +5,7 @@ from typing import Any
 
 from morphlet.cli.options import DEFAULTS
 from morphlet.console import Common, Run, execute
-from morphlet.errors import InputError
+from morphlet.errors import InputError, MissingExtra
 
 
 def studio(*mesh: Path, host: str = "127.0.0.1", port: int = 0, browser: bool = True, common: Common = DEFAULTS) -> int:
@@ -27,7 +27,11 @@ def studio(*mesh: Path, host: str = "127.0.0.1", port: int = 0, browser: bool = 
         with run.uncounted():
             import webbrowser
 
-            from morphlet.studio.server import serve
+            try:
+                from morphlet.studio.server import serve
+            except ModuleNotFoundError as error:
+                needed = "starlette, uvicorn and websockets for the studio"
+                raise MissingExtra(needed, str(error), "pip install morphlet[studio]") from error
 
         if common.picture is not None:
             raise InputError("no --picture for studio", "one", "leave it out: the page is the picture")

@@ -12,7 +12,7 @@ def decimated(mesh: Mesh, faces: int) -> Mesh:
     Raises
     ------
     MeshError
-        If edges of more than two faces, or faces turned against their neighbours, leave nothing to collapse.
+        If faces are turned against their neighbours, or edges of more than two faces leave nothing to collapse.
 
     Notes
     -----
@@ -31,6 +31,7 @@ def decimated(mesh: Mesh, faces: int) -> Mesh:
     """
     import igl
 
+    _ = mesh.topology.twins  # igl does not come back from faces turned against their neighbours
     found = igl.qslim(np.array(mesh.vertices), np.array(mesh.faces), faces)
     vertices, corners = (np.asarray(part) for part in found[-4:-2])
     if not len(corners) or len(corners) >= mesh.n_faces:

@@ -3,8 +3,9 @@
 The ring is known in the reference and in this frame; the rotation that fits best carries the reference's vertex over, and
 what is missing is coded in the reference's axes. Several references may be blended. Only integers choose contexts; positions
 take IEEE additions, multiplications, divisions and square roots in a fixed order, so that they agree between machines to
-rounding, and a rounding can never change what is read: the rotation is that of `numerics.rotations`, written out once more, since these
-operations and their order belong to the file format, and those may change for speed. The error of each coordinate is at most `DEADEST` steps.
+rounding, and a rounding can never change what is read: the rotation is that of `numerics.rotations`, written out once more,
+since these operations and their order belong to the file format, and those may change for speed. The error of each
+coordinate is at most `DEADEST` steps.
 """
 
 from typing import NamedTuple

@@ -10,9 +10,8 @@ from typing import NamedTuple
 
 import numpy as np
 from jaxtyping import Bool, Float, Int, UInt32
-from numba import njit
 
-from morphlet.numerics.compiled import OPTIONS, kernel
+from morphlet.numerics.compiled import OPTIONS, kernel, njit
 from morphlet.numerics.rotations import BLOCK, LAMBDA, WORK, R, S, fit_block
 
 contracted_kernel = njit(**OPTIONS, no_cpython_wrapper=True, forceinline=True, fastmath={"contract", "nsz"})

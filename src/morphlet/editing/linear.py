@@ -26,6 +26,8 @@ from morphlet.surface.operators import laplacian
 Weights = Literal["cotangent", "clamped"]
 """Cotangent weights of the edges as they are, or at least `LEAST_WEIGHT`."""
 
+MOST_ITERATIONS = 10_000
+"""Some thousand times what helps."""
 LEAST_WEIGHT = 1e-6
 """Positive, so that no edge pushes; far below the weight 0.58 of an equilateral triangle's edge."""
 COLLINEAR = 1e-9
@@ -185,8 +187,8 @@ class DualLaplacian:
     iterations: int = 0
 
     def __post_init__(self) -> None:
-        if self.iterations < 0:
-            raise InputError("a number of iterations from 0", repr(self.iterations), "pass 0 for the linear method")
+        if not 0 <= self.iterations <= MOST_ITERATIONS:
+            raise InputError(f"a number of iterations from 0 to {MOST_ITERATIONS}", repr(self.iterations), "pass 0 for the linear method")
 
     def prepare(self, roi: Roi) -> Prepared:
         """Factor the normal equations of the dual mesh of the region.

@@ -38,7 +38,6 @@ told from rest: it scales about a centre, then turns about it, then shifts.
 import difflib
 import math
 import os
-import tomllib
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -47,7 +46,7 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float, Int
 
-from morphlet import _arrays
+from morphlet import _arrays, _store
 from morphlet.editing.arap import Arap
 from morphlet.editing.detail import Multiresolution
 from morphlet.editing.estimated import EstimatedRotations, handle_turns
@@ -58,7 +57,7 @@ from morphlet.editing.method import Method, Pull
 from morphlet.editing.roi import Roi, vertices_within
 from morphlet.editing.shell import Shell
 from morphlet.editing.space import Lattice, MovingLeastSquares
-from morphlet.errors import FileError, InputError
+from morphlet.errors import InputError
 from morphlet.numerics.rotations import exponential
 from morphlet.surface.mesh import Mesh
 
@@ -275,11 +274,7 @@ def read_spec(path: str | os.PathLike[str]) -> EditSpec:
         If a key is unknown, is not for the method, or is missing.
     """
     place = Path(path)
-    try:
-        return EditSpec(place, tomllib.loads(place.read_bytes().decode("utf-8-sig")))
-    except (OSError, UnicodeDecodeError, tomllib.TOMLDecodeError) as error:
-        reason = getattr(error, "strerror", None) or str(error)
-        raise FileError(f"a TOML file at {place}", reason, "check the path and the syntax") from error
+    return EditSpec(place, _store.toml(place, f"a TOML file at {place}"))
 
 
 def _detailed(method: Method, table: Table) -> Method:

@@ -5,6 +5,7 @@ there (Eqs. 1-2); a lattice shifts it by a smooth blend of the shifts of its con
 near through space goes along.
 """
 
+import math
 from dataclasses import dataclass
 from typing import Any, Literal, get_args
 
@@ -27,6 +28,8 @@ Basis = Literal["bspline", "bernstein"]
 
 CUBIC = 3
 """Degree of B-splines: the lowest that is twice continuously differentiable."""
+MOST_CONTROLS = 4096
+"""Control points of a lattice: the matrix of their stiffness takes the square of these, 134 MB."""
 FEWEST = 2
 """Control points of a lattice along each axis: one on either side."""
 BENDING = 1e-7
@@ -255,7 +258,9 @@ class Lattice:
     fixed_planes: int = 0
 
     def __post_init__(self) -> None:
-        shape = tuple(int(n) for n in _arrays.index(self.shape, "shape", (3,), np.iinfo(np.int64).max))
+        shape = tuple(int(n) for n in _arrays.index(self.shape, "shape", (3,), MOST_CONTROLS + 1))
+        if math.prod(shape) > MOST_CONTROLS:
+            raise InputError(f"at most {MOST_CONTROLS} control points", f"shape {shape}", "ask for fewer")
         object.__setattr__(self, "shape", shape)
         if self.basis not in get_args(Basis):
             raise InputError(f"one of {', '.join(get_args(Basis))} as basis", repr(self.basis), "choose one of these")

@@ -19,6 +19,8 @@ FIRST_BLANK, AFTER_BLANKS = 9, 14
 """Tabs and line ends are the bytes 9 to 13; other control characters are in no text file."""
 WORD_SHOWN = 24
 """How much of an unreadable word a message shows, in characters."""
+BOM = b"\xef\xbb\xbf"
+"""What some systems put before text in UTF-8."""
 NUMBER = re.compile(rb"[+-]?(?:(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?|nan|inf|infinity)", re.IGNORECASE)
 
 
@@ -79,6 +81,11 @@ def word(text: Text, index: int) -> bytes:
     """One word."""
     stop = text.starts[index + 1] if index + 1 < len(text.starts) else len(text.buffer)
     return text.buffer[text.starts[index] : stop].tobytes().strip()
+
+
+def printable(text: str) -> str:
+    """The same letters; those that a terminal obeys are written as escapes."""
+    return "".join(letter if letter.isprintable() else letter.encode("unicode_escape").decode("ascii") for letter in text)
 
 
 def line_of(text: Text, index: int) -> int:

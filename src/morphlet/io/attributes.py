@@ -145,7 +145,7 @@ def read_own(path: str | os.PathLike[str], mesh: Mesh) -> dict[str, Attribute]:
 
 def _seamed(path: Path) -> Attribute | None:
     """Texture coordinates of an OBJ file whose seams split them; None of any other file, and where a corner has none."""
-    data = path.read_bytes()
+    data = path.read_bytes().removeprefix(_text.BOM)
     if path.suffix.lower() not in obj.ENDINGS or not obj.recognises(data):
         return None
     text = _text.scan(obj._joined(_text.plain(data)))
@@ -288,28 +288,21 @@ def _returns(arrays: dict[str, np.ndarray]) -> bool:
 
 def _arrays_of(path: Path) -> dict[str, np.ndarray]:
     """The array of an .npy file, those of an .npz file but scalars."""
-    try:
-        with open(path, "rb") as stream:
-            found = np.load(stream, allow_pickle=False)
-            if isinstance(found, np.ndarray):
-                return {path.stem: found}
-            return {name: values for name in found.files if (values := found[name]).ndim}
-    except _store.UNREADABLE as error:
-        reason = getattr(error, "strerror", None) or str(error) or type(error).__name__
-        raise FileError(f"arrays of numbers or texts at {path}", reason, "save them again with numpy.save or numpy.savez") from error
+    found = _store.arrays_of(path, f"arrays of numbers or texts at {path}", "save them again with numpy.save or numpy.savez")
+    return found if path.suffix.lower() == ".npy" else {name: values for name, values in found.items() if values.ndim}
 
 
 def _table(path: Path) -> dict[str, np.ndarray]:
     """The columns of a CSV file."""
     try:
-        text = path.read_bytes().decode("utf-8-sig")
+        text = _store.contents(path).decode("utf-8-sig")
     except (OSError, ValueError) as error:
         reason = getattr(error, "strerror", None) or str(error)
         raise FileError(f"a CSV file at {path}", reason, "check the path, and save it as UTF-8") from error
     reader = csv.reader(io.StringIO(text, newline=""))
     try:
         header = _header(path, next(reader, []))
-        rows = [_of_length(row, len(header), f"on line {reader.line_num} of {path}") for row in reader if row]
+        rows = [_of_length(row, len(header), f"on line {reader.line_num} of {path}") for row in reader if _filled(row)]
     except csv.Error as error:
         raise FileError(f"CSV on line {reader.line_num} of {path}", str(error), "correct this line") from error
     cells = zip(*rows, strict=True) if rows else [()] * len(header)
@@ -323,8 +316,13 @@ def _header(path: Path, cells: list[str]) -> list[str]:
     names = [cell.strip() for cell in cells]
     if not names or not all(names) or len(set(names)) < len(names) or all(_number(name) is not None for name in names):
         needed = f"a first line with the names of the columns in {path}"
-        raise FileError(needed, f"'{','.join(cells)[:60]}'", "put this line first, each name once")
+        raise FileError(needed, f"'{_text.printable(','.join(cells)[:60])}'", "put this line first, each name once")
     return names
+
+
+def _filled(row: list[str]) -> bool:
+    """Whether a line is more than blanks; an empty text in quotes is a cell."""
+    return len(row) > 1 or bool(row and (not row[0] or row[0].strip()))
 
 
 def _of_length(row: list[str], length: int, place: str) -> list[str]:

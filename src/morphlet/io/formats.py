@@ -16,7 +16,7 @@ from jaxtyping import UInt8
 
 from morphlet import _arrays, _store
 from morphlet.errors import FileError, InputError
-from morphlet.io import gltf, gltf_shapes, obj, off, ply, stl
+from morphlet.io import _text, gltf, gltf_shapes, obj, off, ply, stl
 from morphlet.io.content import COLOR_MAX, Attributes, Content, File, Shapes, mesh_of
 from morphlet.surface.mesh import Mesh
 
@@ -241,13 +241,13 @@ def _rewriter(file: File, target: Format) -> Callable[[Mesh], bytes]:
 def _opened(path: str | os.PathLike[str]) -> File:
     place = Path(path)
     try:
-        data = place.read_bytes()
+        data = _store.contents(place)
     except (OSError, ValueError) as error:
         reason = getattr(error, "strerror", None) or str(error)
         raise FileError(f"a mesh file at {place}", reason, "check the path and its permissions") from error
     if not data:
         raise FileError(f"a mesh in {place}", "an empty file", "get the file again")
-    return File(place, data)
+    return File(place, data if stl.is_binary(data) else data.removeprefix(_text.BOM))
 
 
 def _format_of(file: File) -> Format:
@@ -262,11 +262,12 @@ def _format_of(file: File) -> Format:
 
 @contextmanager
 def _named(file: File) -> Iterator[None]:
-    """A `FileError` from within gets the name of the file."""
+    """A `FileError` from within gets the name of the file, and nothing that a terminal would obey."""
     try:
         yield
     except FileError as error:
-        raise FileError(f"{error.needed} in {file.path}", error.found, error.advice, error.elements) from error
+        needed, found = _text.printable(error.needed), _text.printable(error.found)
+        raise FileError(f"{needed} in {file.path}", found, error.advice, error.elements) from error
 
 
 def format_by_ending(path: str | os.PathLike[str]) -> Format:

@@ -16,6 +16,7 @@ from morphlet.errors import FileError
 from morphlet.io.content import COLOR_MAX, Attributes, Content, File, byte_colors, renewed_normals, single, strip
 from morphlet.io.gltf_scene import (
     MAGIC,
+    SHOWN,
     STRIP,
     TRIANGLES,
     Piece,
@@ -28,6 +29,7 @@ from morphlet.io.gltf_scene import (
     packed,
     pieces_of,
     primitive_of,
+    require_room,
 )
 from morphlet.surface.mesh import Mesh
 
@@ -114,7 +116,11 @@ def still(mesh: Mesh, attributes: Attributes) -> tuple[Tree, bytearray]:
 
 def content_of(scene: Scene, pieces: list[Piece]) -> Content:
     """The triangles of all pieces, one after the other."""
-    parts = [geometry(scene, piece) for piece in pieces]
+    parts, numbers = list[tuple[np.ndarray, np.ndarray]](), 0
+    for piece in pieces:
+        parts.append(geometry(scene, piece))
+        numbers += sum(part.size for part in parts[-1])
+        require_room(scene, numbers, "triangles")
     if not parts:
         raise FileError("a scene with triangles", "none", "check that the file holds a mesh")
     before = np.cumsum([0, *(len(vertices) for vertices, _ in parts)])
@@ -159,7 +165,7 @@ def _attribute(scene: Scene, piece: Piece, name: str) -> Float[np.ndarray, "n d"
         return None
     wanted, found = (scene.tree["accessors"][named[key]]["count"] for key in ("POSITION", name))
     if found != wanted:
-        raise FileError(f"{wanted} rows of {name}, one per vertex", str(found), "export the mesh again")
+        raise FileError(f"{wanted} rows of {name}, one per vertex", repr(found)[:SHOWN], "export the mesh again")
     return accessor(scene, named[name])
 
 

@@ -25,6 +25,11 @@ WIDTHS = {"SCALAR": 1, "VEC2": 2, "VEC3": 3, "VEC4": 4}
 TRIANGLES, STRIP, FAN = 4, 5, 6
 ALIGNMENT = 4
 """Bytes to which chunks and accessors are padded."""
+ROOM, TIMES = 1 << 26, 8
+"""Numbers that a scene may unfold to: so many (512 MB), and so many more for each byte of its buffers. Nodes may share meshes, targets
+accessors, keyframes targets: a small file can ask for all of the memory."""
+SHOWN = 60
+"""Letters of a name in a message."""
 
 Tree = dict[str, Any]
 
@@ -60,15 +65,25 @@ def opened(file: File) -> Scene:
     """The tree of a file, its buffers joined into one that every view points into."""
     text, binary = _chunks(file.data) if file.data.startswith(MAGIC) else (file.data, b"")
     tree: Tree = json.loads(text.decode("utf-8-sig"))
-    buffer = bytearray()
-    starts = []
-    for entry in tree.get("buffers", []):
-        starts.append(_pad(buffer))
-        buffer += _buffer(entry, binary, file.path.parent)
+    buffer, starts, taken = bytearray(), list[tuple[int, int]](), set[Path]()
+    for number, entry in enumerate(tree.get("buffers", [])):
+        data = _buffer(entry, b"" if number else binary, file.path.parent, taken)
+        starts.append((_pad(buffer), len(data)))
+        buffer += data
     for view in tree.get("bufferViews", []):
-        view["byteOffset"] = starts[view["buffer"]] + view.get("byteOffset", 0)
-        view["buffer"] = 0
+        start, length = starts[view["buffer"]]
+        first = view.get("byteOffset", 0)
+        if not 0 <= first <= first + view["byteLength"] <= length:
+            raise FileError(f"{first + view['byteLength']} bytes in a glTF buffer", str(length), "the file is damaged; get it again")
+        view["byteOffset"], view["buffer"] = start + first, 0
     return Scene(tree, bytes(buffer))
+
+
+def require_room(scene: Scene, numbers: int, what: str) -> None:
+    """Refuse what would unfold to more than a file of this size may."""
+    most = ROOM + TIMES * len(scene.buffer)
+    if numbers > most:
+        raise FileError(f"{what} of at most {most} numbers in a glTF file of its size", str(numbers), "export them apart")
 
 
 def _chunks(data: bytes) -> tuple[bytes, bytes]:
@@ -87,23 +102,33 @@ def _chunks(data: bytes) -> tuple[bytes, bytes]:
     return chunks[JSON_CHUNK], chunks.get(BINARY_CHUNK, b"")
 
 
-def _buffer(entry: Tree, binary: bytes, folder: Path) -> bytes:
+def _buffer(entry: Tree, binary: bytes, folder: Path, taken: set[Path]) -> bytes:
     """The bytes of a buffer: the binary chunk, a data URI, or a file in the same folder."""
     uri = entry.get("uri")
-    data = binary if uri is None else base64.b64decode(uri.split(",", 1)[1]) if uri.startswith("data:") else _beside(folder, unquote(uri))
+    if uri is None:
+        data = binary
+    else:
+        data = base64.b64decode(uri.split(",", 1)[1]) if uri.startswith("data:") else _beside(folder, unquote(uri), taken)
     if len(data) < entry["byteLength"]:
         raise FileError(f"{entry['byteLength']} bytes in a glTF buffer", str(len(data)), "the file is cut short; get it again")
     return data[: entry["byteLength"]]
 
 
-def _beside(folder: Path, name: str) -> bytes:
-    place = (folder / name).resolve()
-    if not place.is_relative_to(folder.resolve()):
-        raise FileError("glTF buffers in the folder of the file", f"'{name}'", "move them there, or export a .glb")
+def _beside(folder: Path, name: str, taken: set[Path]) -> bytes:
+    """A file in the folder or below it, wherever links lead, and each once."""
     try:
+        place = (folder / name).resolve()
+        if not place.is_relative_to(folder.resolve()):
+            raise FileError("glTF buffers in the folder of the file", f"'{name[:SHOWN]}'", "move them there, or export a .glb")
+        if place in taken or (place.exists() and not place.is_file()):
+            raise FileError("files as glTF buffers, each once", f"'{name[:SHOWN]}'", "export a .glb")
+        taken.add(place)
         return place.read_bytes()
-    except OSError as error:
-        raise FileError(f"the glTF buffer '{name}'", error.strerror or str(error), "put it beside the file, or export a .glb") from error
+    except (OSError, RuntimeError) as error:  # a ring of links is the one or the other
+        if isinstance(error, FileError):
+            raise
+        reason = getattr(error, "strerror", None) or "a ring of links"
+        raise FileError(f"the glTF buffer '{name[:SHOWN]}'", reason, "put it beside the file, or export a .glb") from error
 
 
 def pieces_of(tree: Tree) -> Iterator[Piece]:
@@ -130,7 +155,7 @@ def _matrix(node: Tree) -> Float[np.ndarray, "4 4"]:
     if "matrix" in node:
         return np.array(node["matrix"], np.float64).reshape(4, 4).T
     matrix = np.eye(4)
-    turn = Rotation.from_quat(node.get("rotation", [0, 0, 0, 1])).as_matrix()
+    turn = Rotation.from_quat(node["rotation"]).as_matrix() if "rotation" in node else np.eye(3)
     matrix[:3, :3] = turn * np.array(node.get("scale", [1, 1, 1]), np.float64).reshape(1, 3)
     matrix[:3, 3] = node.get("translation", [0, 0, 0])
     return matrix
@@ -162,8 +187,9 @@ def _stored(scene: Scene, entry: Tree, kind: np.dtype, shape: tuple[int, int]) -
     stride = view.get("byteStride", kind.itemsize * width)
     start = view["byteOffset"] + entry.get("byteOffset", 0)
     stop = start + max(count - 1, 0) * stride + kind.itemsize * width
-    if stop > len(scene.buffer) or stride < kind.itemsize * width:
-        raise FileError(f"{stop} bytes in the glTF buffers", str(len(scene.buffer)), "the file is damaged; get it again")
+    end = view["byteOffset"] + view["byteLength"]
+    if stop > end or stride < kind.itemsize * width:
+        raise FileError(f"{stop} bytes in the glTF buffers", str(end), "the file is damaged; get it again")
     return np.ndarray(shape, kind, scene.buffer, start, (stride, kind.itemsize))
 
 

@@ -14,7 +14,20 @@ from scipy.sparse import csr_array
 from morphlet.errors import FileError
 from morphlet.io.content import Attributes, File, Shapes, mesh_of, single
 from morphlet.io.gltf import content_of, still
-from morphlet.io.gltf_scene import Piece, Scene, Tree, accessor, append, guarded, opened, packed, pieces_of, primitive_of
+from morphlet.io.gltf_scene import (
+    SHOWN,
+    Piece,
+    Scene,
+    Tree,
+    accessor,
+    append,
+    guarded,
+    opened,
+    packed,
+    pieces_of,
+    primitive_of,
+    require_room,
+)
 from morphlet.surface.sequence import MeshSequence
 
 UNMOVED = {"translation": (0, 0, 0), "rotation": (0, 0, 0, 1), "scale": (1, 1, 1)}
@@ -72,11 +85,14 @@ def shapes(file: File) -> Shapes:
         scene = opened(file)
         pieces = list(pieces_of(scene.tree))
         rest = content_of(scene, pieces)
+        require_room(scene, sum(_added(scene.tree, piece) for piece in pieces), "morph targets")
         targets = [_targets(scene, piece) for piece in pieces]
         played = _played(scene, pieces)
+        count = 1 + len({name for each in targets for name in each.names}) if played is None else len(played[0])
+        require_room(scene, count * (rest.vertices.size + sum(len(each.names) for each in targets)), "shapes")
+        times, weights = played or (None, _one_by_one(targets))
     mesh = mesh_of(rest)
     first = _name_of_rest(scene.tree, pieces, file.path.stem)
-    times, weights = played or (None, _one_by_one(targets))
     added = np.concatenate([each.at(own) for each, own in zip(targets, weights, strict=True)], axis=1)
     positions, names = mesh.vertices + added, _names(first, targets, weights)
     broken = np.flatnonzero(~np.isfinite(positions).all(axis=(1, 2)))
@@ -126,10 +142,16 @@ def _targets(scene: Scene, piece: Piece) -> Targets:
     deltas = np.zeros((counts[0], n, 3))
     for k, target in enumerate(primitive.get("targets", [])):
         if "POSITION" in target and entries[target["POSITION"]]["count"] != n:
-            found = str(entries[target["POSITION"]]["count"])
+            found = repr(entries[target["POSITION"]]["count"])[:SHOWN]
             raise FileError(f"{n} rows in morph target {k}, one per vertex", found, "export the mesh again", [k])
         deltas[k] = accessor(scene, target["POSITION"]) @ piece.matrix[:3, :3].T if "POSITION" in target else 0
     return Targets(_target_names(mesh, counts[0]), deltas)
+
+
+def _added(tree: Tree, piece: Piece) -> int:
+    """How many numbers the targets of a piece are."""
+    primitive = primitive_of(tree, piece)
+    return int(3 * tree["accessors"][primitive["attributes"]["POSITION"]]["count"] * len(primitive.get("targets", [])))
 
 
 def _target_names(mesh: Tree, count: int) -> tuple[str, ...]:

@@ -13,6 +13,7 @@ import numpy as np
 
 from morphlet import _store
 from morphlet.errors import FileError
+from morphlet.io import _text
 from morphlet.surface.pairs import VertexPairs
 
 REQUIRED = ("source", "target")
@@ -100,7 +101,7 @@ def write_pairs(path: str | os.PathLike[str], pairs: VertexPairs) -> None:
 
 def _text_of(path: Path) -> str:
     try:
-        return path.read_bytes().decode("utf-8-sig")
+        return _store.contents(path).decode("utf-8-sig")
     except (OSError, ValueError) as error:
         reason = getattr(error, "strerror", None) or str(error)
         raise FileError(f"a CSV file of vertex pairs at {path}", reason, "check the path, and save it as UTF-8") from error
@@ -109,7 +110,8 @@ def _text_of(path: Path) -> str:
 def _header(path: str | os.PathLike[str], cells: list[str]) -> tuple[str, ...]:
     header = tuple(cell.strip() for cell in cells)
     if header not in HEADERS:
-        raise FileError(f"the header source,target[,weight][,label] in {path}", f"'{','.join(cells)[:60]}'", "put this line first")
+        found = f"'{_text.printable(','.join(cells)[:60])}'"
+        raise FileError(f"the header source,target[,weight][,label] in {path}", found, "put this line first")
     return header
 
 
@@ -125,7 +127,7 @@ def _row(path: str | os.PathLike[str], line: int, header: tuple[str, ...], cells
 def _index(cell: str, name: str, line: int) -> int:
     text = cell.strip()
     if not (text.isascii() and text.isdigit() and len(text) < len(str(MAX_INDEX))):
-        raise FileError(f"a vertex index from 0 as {name}", f"'{cell[:24]}'", "correct this line", [line])
+        raise FileError(f"a vertex index from 0 as {name}", f"'{_text.printable(cell[:24])}'", "correct this line", [line])
     return int(text)
 
 
@@ -135,5 +137,5 @@ def _weight(cell: str, name: str, line: int) -> float:
     except ValueError:
         value = math.nan
     if not 0 < value < math.inf:
-        raise FileError(f"a positive number as {name}", f"'{cell[:24]}'", "correct this line", [line])
+        raise FileError(f"a positive number as {name}", f"'{_text.printable(cell[:24])}'", "correct this line", [line])
     return value

@@ -37,6 +37,8 @@ INDEX_LISTS = ("vertex_indices", "vertex_index")
 POSITION, NORMAL = ("x", "y", "z"), ("nx", "ny", "nz")
 COLORS = (("red", "green", "blue"), ("diffuse_red", "diffuse_green", "diffuse_blue"), ("r", "g", "b"))
 TEXTURES = (("s", "t"), ("u", "v"), ("texture_u", "texture_v"))
+MOST_NAMES = 1000
+"""Elements of a file, and properties of an element: files of today have some sixty, and each new name is compared with all before it."""
 BLOCK_VALUES = 2**27
 """Most values of a row that is read as one numpy record, whose bytes must fit 31 bits."""
 
@@ -185,7 +187,7 @@ def _after(words: list[bytes], order: str, elements: list[Element]) -> tuple[str
 
 
 def _new(name: str, taken: list[str]) -> None:
-    if name in taken:
+    if name in taken or len(taken) == MOST_NAMES:
         raise ValueError(name)
 
 
@@ -378,9 +380,9 @@ def _strips(part: Part) -> tuple[Int[np.ndarray, "m 3"], None]:
 
 def _promoted(head: bytes) -> bytes:
     """The header with positions of vertices as double."""
-    before, keyword, after = re.split(rb"((?<![^\r\n])\s*element\s+vertex\s)", head, maxsplit=1)
-    own, *rest = re.split(rb"((?<![^\r\n])\s*(?:element|end_header)\b)", after, maxsplit=1)
-    own = re.sub(rb"((?<![^\r\n])\s*property\s+)\w+(\s+[xyz]\s)", rb"\1double\2", own)
+    before, keyword, after = re.split(rb"((?<![^\r\n])[ \t]*element\s+vertex\s)", head, maxsplit=1)
+    own, *rest = re.split(rb"((?<![^\r\n])[ \t]*(?:element|end_header)\b)", after, maxsplit=1)
+    own = re.sub(rb"((?<![^\r\n])[ \t]*property\s+)\w+(\s+[xyz]\s)", rb"\1double\2", own)
     return before + keyword + own + b"".join(rest)
 
 

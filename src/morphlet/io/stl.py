@@ -22,13 +22,13 @@ FACET = re.compile(rb"\s*solid\b[\s\S]{0,4096}?(?:\bfacet\s+normal|\bendsolid)",
 
 def recognises(data: bytes) -> bool:
     """Whether the length is that of a binary file, or the words are those of a text file."""
-    return _is_binary(data) or FACET.match(data) is not None
+    return is_binary(data) or FACET.match(data) is not None
 
 
 def parse(file: File) -> Content:
     """The triangles of an STL file, corners at one position merged."""
     data = file.data
-    corners = _text_corners(data) if FACET.match(data) and not _is_binary(data) else _binary_corners(data)
+    corners = _text_corners(data) if FACET.match(data) and not is_binary(data) else _binary_corners(data)
     _, first, inverse = np.unique(corners + 0.0, axis=0, return_index=True, return_inverse=True)
     rank = np.argsort(np.argsort(first))
     return Content(corners[np.sort(first)], rank[inverse.ravel()].reshape(-1, 3))
@@ -46,7 +46,8 @@ def render(mesh: Mesh, attributes: Attributes) -> bytes:
     return b"binary STL".ljust(HEAD) + np.uint32(mesh.n_faces).astype("<u4").tobytes() + rows.tobytes()
 
 
-def _is_binary(data: bytes) -> bool:
+def is_binary(data: bytes) -> bool:
+    """Whether the length is that of a binary file."""
     return len(data) > HEAD + 4 and len(data) == _wanted(data)
 
 
@@ -58,6 +59,9 @@ def _binary_corners(data: bytes) -> np.ndarray:
     if len(data) < HEAD + 4 or len(data) < _wanted(data):
         needed = f"{_wanted(data)} bytes" if len(data) >= HEAD + 4 else f"a header of {HEAD + 4} bytes"
         raise FileError(f"{needed} of binary STL", f"{len(data)}", "the file is cut short, or no STL; get it again")
+    if len(data) > _wanted(data):
+        found = f"{len(data)}: bytes were put in, or its count is wrong"
+        raise FileError(f"{_wanted(data)} bytes of binary STL", found, "the file is damaged, or no STL; get it again")
     count = int.from_bytes(data[HEAD : HEAD + 4], "little")
     return np.frombuffer(data, TRIANGLE, count, HEAD + 4)["corners"].reshape(-1, 3).astype(np.float64)
 

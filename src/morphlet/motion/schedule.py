@@ -6,10 +6,8 @@ Bands are counted from coarse to fine. At time t a band is at the share ``S((t -
 
 import math
 import os
-import tomllib
 from collections.abc import Callable
 from dataclasses import dataclass
-from pathlib import Path
 from typing import Any, Literal, get_args
 
 import numpy as np
@@ -231,11 +229,7 @@ class Schedule:
 
 def _bands(path: str | os.PathLike[str]) -> list[dict[str, Any]]:
     """The tables of a file."""
-    try:
-        content = tomllib.loads(Path(path).read_bytes().decode("utf-8-sig"))
-    except (OSError, ValueError, RecursionError) as error:
-        reason = getattr(error, "strerror", None) or str(error)
-        raise FileError(f"a TOML file of a schedule at {path}", reason, "check the path and the text") from error
+    content = _store.toml(path, f"a TOML file of a schedule at {path}")
     bands = content.get("band")
     if set(content) != {"band"} or not isinstance(bands, list) or not all(isinstance(band, dict) for band in bands):
         found = ", ".join(content) or "nothing"

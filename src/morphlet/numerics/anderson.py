@@ -7,9 +7,8 @@ on from the last g.
 
 import numpy as np
 from jaxtyping import Float
-from numba import njit
 
-from morphlet.numerics.compiled import OPTIONS, inner_kernel
+from morphlet.numerics.compiled import OPTIONS, inner_kernel, njit
 
 REGULAR = 1e-10
 """Added to the diagonal of the normal equations, relative to it; a pivot below it belongs to a step that repeats others, which

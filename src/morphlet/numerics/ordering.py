@@ -10,7 +10,8 @@ from typing import NamedTuple
 
 import numpy as np
 from jaxtyping import Float, Int, Int32
-from numba import njit
+
+from morphlet.numerics.compiled import njit
 
 LEAF = 120
 """Nodes of a part that is not cut further: minimum degree orders it better than cutting, until its dense table gets slow."""

@@ -9,10 +9,9 @@ that fit equally well, and the one of least angle is taken.
 
 import numpy as np
 from jaxtyping import Float
-from numba import njit
 
 from morphlet import _arrays
-from morphlet.numerics.compiled import OPTIONS, inner_kernel, kernel
+from morphlet.numerics.compiled import OPTIONS, inner_kernel, kernel, njit
 
 BLOCK = 64
 """Covariances fitted side by side, in the lanes of vector registers: their work space stays in the first cache."""

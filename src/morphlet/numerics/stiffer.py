@@ -12,7 +12,7 @@ from morphlet.numerics.compiled import kernel
 from morphlet.numerics.elimination import Tree
 from morphlet.numerics.supernodal import NOTHING, WIDTH, Projection, forward, padded, subtract, triangulate
 
-SHARE = 0.25
+SHARE = 0.3
 """Entries of the projection, relative to those of the factor, beyond which a new factorization pays off."""
 
 LEAST = 1e-6

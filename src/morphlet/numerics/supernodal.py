@@ -11,10 +11,9 @@ from typing import NamedTuple
 
 import numpy as np
 from jaxtyping import Float, Float32, Int
-from numba import njit
 
 from morphlet.numerics import threads
-from morphlet.numerics.compiled import OPTIONS, inner_kernel, kernel
+from morphlet.numerics.compiled import OPTIONS, inner_kernel, kernel, njit
 from morphlet.numerics.elimination import Symbolic, from_counts
 
 WIDTH = 8

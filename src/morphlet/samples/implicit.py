@@ -15,9 +15,9 @@ from typing import Any
 
 import numpy as np
 from jaxtyping import Float
-from numba import njit
 
 from morphlet import _arrays
+from morphlet.numerics.compiled import njit
 
 PART_NUMBERS = 12
 """Start, end (3 + 3), two radii, blending width, flattening vector (3)."""

@@ -7,8 +7,8 @@ half-edge of each; faces that are gone start at -1. No operation moves a vertex,
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
-from numba import njit
 
+from morphlet.numerics.compiled import njit
 from morphlet.surface.mesh import Topology
 
 CANDIDATES = 0.3

@@ -8,9 +8,9 @@ neither overflow nor underflow. A surface that runs exactly through an edge of a
 
 import numpy as np
 from jaxtyping import Int
-from numba import njit
 
 from morphlet import _arrays
+from morphlet.numerics.compiled import njit
 from morphlet.surface.mesh import Mesh
 
 FILTER = 8e-16

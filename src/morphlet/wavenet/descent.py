@@ -5,9 +5,8 @@ logarithms of dilations, tell the wavelets, `tables` their mothers. `refine` put
 """
 
 import numpy as np
-from numba import njit
 
-from morphlet.numerics.compiled import inner_kernel, kernel
+from morphlet.numerics.compiled import inner_kernel, kernel, njit
 
 RIDGE = 1e-7
 """Penalty on a squared weight, as a share of the squared norm of its wavelet on samples spread evenly: n times the dilation.

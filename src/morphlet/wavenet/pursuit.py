@@ -9,10 +9,9 @@ from typing import Literal, get_args
 
 import numpy as np
 from jaxtyping import Float, Int
-from numba import njit
 
 from morphlet.numerics import threads
-from morphlet.numerics.compiled import inner_kernel, kernel
+from morphlet.numerics.compiled import inner_kernel, kernel, njit
 from morphlet.wavenet.library import Library, affine_basis, normalised
 
 Method = Literal["ols", "omp", "mp"]

@@ -11,11 +11,11 @@ from typing import Any
 import numpy as np
 import scipy.sparse as sp
 from jaxtyping import Float, Int
-from numba import njit
 from scipy.linalg import solve_triangular
 
 from morphlet import _arrays
 from morphlet.errors import InputError
+from morphlet.numerics.compiled import njit
 from morphlet.wavenet.fit import Reason
 from morphlet.wavenet.library import LARGEST
 from morphlet.wavenet.pursuit import LEAST_REMAINDER, ROUNDING
