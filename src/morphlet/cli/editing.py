@@ -1,6 +1,5 @@
 """The verb of editing: a mesh deformed as a file tells."""
 
-import math
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -8,7 +7,6 @@ from morphlet.cli import steps
 from morphlet.cli.options import DEFAULTS, FILM, MESHES, Film, Output
 from morphlet.cli.pictures import draw_edit, promise_film, shoot
 from morphlet.console import Common, Run, execute
-from morphlet.errors import InputError
 
 if TYPE_CHECKING:
     from morphlet.editing.script import Edit, EditSpec
@@ -16,13 +14,6 @@ if TYPE_CHECKING:
     from morphlet.surface.mesh import Mesh
     from morphlet.surface.repair import Repaired
     from morphlet.surface.sequence import MeshSequence
-
-
-MOST_ITERATIONS = 10_000
-"""Of an edit by a file: some thousand times what helps."""
-MODEST = [2, 2, 2]
-MOST_CONTROLS = 4096
-"""Control points of a lattice told by a file: its matrix takes the square of these, 134 MB."""
 
 
 def deform(mesh: Path, spec: Path, /, *, output: Output, film: Film = FILM, common: Common = DEFAULTS) -> int:
@@ -46,11 +37,12 @@ def deform(mesh: Path, spec: Path, /, *, output: Output, film: Film = FILM, comm
 
     def work(run: Run) -> dict[str, Any]:
         with run.uncounted():
+            from morphlet.editing.script import read_spec
             from morphlet.io.formats import rewrite
             from morphlet.io.sequences import write_sequence
 
         promise_film(run, film)
-        told = _told(spec)
+        told = read_spec(spec)
         if told.sequence:
             run.folder(output)
         else:
@@ -69,23 +61,6 @@ def deform(mesh: Path, spec: Path, /, *, output: Output, film: Film = FILM, comm
         return figures
 
     return execute("deform", [mesh, spec], common, work)
-
-
-def _told(path: Path) -> "EditSpec":
-    """The edit that a file tells. It may come from anybody: what no machine could do is refused."""
-    from morphlet import _store
-    from morphlet.editing.script import EditSpec
-
-    table = _store.toml(path, f"a TOML file at {path}")
-    iterations, cage = table.get("iterations", 0), table.get("ffd")
-    if isinstance(iterations, int) and iterations > MOST_ITERATIONS:
-        raise InputError(f"at most {MOST_ITERATIONS} iterations in {path}", str(iterations), "ask for fewer")
-    sides = cage.get("lattice", MODEST) if isinstance(cage, dict) else MODEST
-    whole = isinstance(sides, list) and all(isinstance(side, int) for side in sides)
-    if whole and (len(sides) != len("xyz") or math.prod(sides) > MOST_CONTROLS):
-        needed = f"three sides of a lattice of at most {MOST_CONTROLS} control points in {path}"
-        raise InputError(needed, str(sides)[:40], "ask for fewer")
-    return EditSpec(path, table)
 
 
 def _edited(run: Run, surface: "Repaired", told: "EditSpec") -> "tuple[MeshSequence, dict[str, Any]]":

@@ -156,14 +156,12 @@ def transfer(
 
 def _schedule(path: Path | None, travel: str) -> "Schedule | None":
     """The schedule of a file, for a path that has use for one."""
-    from morphlet import _store
     from morphlet.motion.schedule import Schedule
 
     if path is None:
         return None
     if travel == "linear":
         raise InputError("--path wavelet or gradient for a --schedule", "--path linear", "choose such a path, or leave the schedule out")
-    _store.toml(path, f"a schedule at {path}")
     return Schedule.read(path)
 
 
