@@ -37,6 +37,7 @@ from morphlet.surface.mesh import Mesh, Topology
 from morphlet.surface.pairs import VertexPairs
 from morphlet.surface.points import SurfacePoints
 from morphlet.surface.repair import Repaired, close
+from morphlet.surface.requirements import require_area
 from morphlet.surface.sequence import MeshSequence
 
 Figures = dict[str, float | int | bool | None]
@@ -274,6 +275,8 @@ def correspond_maps(
     ------
     InputError
         If the pairs do not fit the meshes.
+    MeshError
+        If one of the meshes has no area.
 
     Examples
     --------
@@ -285,6 +288,8 @@ def correspond_maps(
     >>> result.figures()["pairs"], round(result.figures()["pairs_rmse"], 3)
     (3, 0.0)
     """
+    for spherical in (source_map, target_map):
+        require_area(spherical.surface.mesh)
     given = NO_PAIRS if pairs is None else _different(_answered(pairs, source_map, target_map))
     matching, tried, told = (None, (), ()) if len(given) >= FEWEST else matched_regions(source_map, target_map, given, on_step)
     used = given if matching is None else _as_given(_landmarks(matching), source_map.surface, target_map.surface)

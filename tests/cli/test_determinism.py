@@ -1,5 +1,6 @@
 """The same input gives the same arrays, bit for bit: once more, and on one thread or two."""
 
+import contextlib
 import json
 import os
 import subprocess
@@ -11,7 +12,9 @@ import pytest
 
 from cli.calls import call
 from morphlet import read, sample, write
+from morphlet.cli import main
 from morphlet.numerics import threads
+from support import blob
 
 EDIT = """
 method = "{method}"
@@ -20,13 +23,19 @@ roi = {{radius = "60%"}}
 translate = [0.0, 0.1, 0.2]
 """
 METHODS = ("arap", "rotations", "laplacian", "biharmonic", "direct", "mls", "ffd")
-TIMES = {"seconds", "cpu_seconds", "prepare_seconds", "frame_seconds", "pose_seconds", "outputs"}
+TIMES = {"seconds", "cpu_seconds", "prepare_seconds", "frame_seconds", "pose_seconds", "outputs", "jobs"}
 """Keys of results that may differ."""
 SIZE = 3600
 """Vertices: more than where kernels begin to use several threads."""
 SMALL = int(os.environ.get("MORPHLET_DETERMINISM_VERTICES", "1500"))
 """Vertices for the verbs that take longest; with 3600 the whole takes minutes."""
-LONG = ("match", "correspond", "morph", "transfer", "shape", "mlwnn")
+LONG = ("match", "correspond", "morph", "transfer", "shape", "mlwnn", "reconstruct", "carry", "decode", "batch")
+MADE = (
+    ("approximate", "pose-1.ply", "--wavelets", "8", "-o", "rows.npz"),
+    ("correspond", "a.ply", "pose-1.ply", "-o", "map.npz"),
+    ("encode", "a.ply", "pose-1.ply", "--error", "0.1%", "-o", "moves.mlw"),
+)
+"""What makes the files that some verbs read."""
 
 
 @pytest.fixture(scope="module")
@@ -36,6 +45,9 @@ def folder(tmp_path_factory) -> Path:
     for name, size in (("large", SIZE), ("small", SMALL)):
         (made / name).mkdir()
         fill(made / name, size)
+    with contextlib.chdir(made / "small"):
+        np.save("heights.npy", read("pose-1.ply").vertices[:, 2])
+        assert [main([*words, "--quiet"]) for words in MADE] == [0] * len(MADE)
     return made
 
 
@@ -44,6 +56,7 @@ def fill(made: Path, size: int) -> None:
     grazer = sample("grazer", n_vertices=size)
     write(made / "a.ply", grazer)
     write(made / "b.ply", sample("predator", n_vertices=size))
+    write(made / "ball.ply", blob(4 if size > 3000 else 3))
     for k in (1, 2):
         write(made / f"pose-{k}.ply", grazer.with_vertices(grazer.vertices * [1, 1 + 0.1 * k, 1]))
     top = grazer.vertices[np.argmax(grazer.vertices[:, 2])].tolist()
@@ -64,9 +77,13 @@ CALLS = {
     "correspond": ("correspond", "a.ply", "b.ply", "-o", "OUT.npz"),
     "morph": ("morph", "a.ply", "pose-2.ply", "--frames", "3", "-o", "OUT"),
     "transfer": ("transfer", "a.ply", "pose-1.ply", "pose-2.ply", "--to", "pose-2.ply", "-o", "OUT"),
+    "reconstruct": ("reconstruct", "rows.npz", "-o", "OUT.ply"),
+    "carry": ("carry", "a.ply", "pose-1.ply", "map.npz", "--attribute", "heights.npy", "-o", "OUT.npz"),
+    "decode": ("decode", "moves.mlw", "-o", "OUT"),
+    "batch": ("batch", "sphere", "a.ply", "pose-1.ply", "-o", "OUT"),
     "encode": ("encode", "a.ply", "pose-1.ply", "pose-2.ply", "--error", "0.1%", "-o", "OUT.mlw"),
-    "shape": ("encode", "a.ply", "--rms", "1%", "--mode", "shape", "-o", "OUT.mlw"),
-    "mlwnn": ("encode", "a.ply", "--mode", "mlwnn", "--size", "200", "-o", "OUT.mlw"),
+    "shape": ("encode", "ball.ply", "--rms", "1%", "--mode", "shape", "-o", "OUT.mlw"),
+    "mlwnn": ("encode", "ball.ply", "--mode", "mlwnn", "--size", "200", "-o", "OUT.mlw"),
     **{method: ("deform", "a.ply", f"{method}.toml", "-o", "OUT.ply") for method in METHODS},
 }
 

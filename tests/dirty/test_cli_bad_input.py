@@ -7,7 +7,8 @@ import pytest
 
 from cli.calls import call, finished, start
 from mapping.stars import blob
-from morphlet import Mesh, VertexPairs, write, write_pairs
+from morphlet import Mesh, MeshError, VertexPairs, embed, spherical_map, write, write_pairs
+from morphlet.surface.repair import close
 from support import beside, data_file, icosphere, tetrahedron, torus
 
 THREE_PARTS = re.compile(r"morphlet \w+: needed .+; found .+; .+\n")
@@ -112,6 +113,22 @@ def test_meshes_without_a_spherical_map_are_refused_with_the_reason(attempt, tmp
     left = attempt("repair", tmp_path / "mesh.ply")
     assert left.code == (3 if name == "flat faces only" else 0)
     assert left.code == 0 or re.search("faces to keep in .*found none of 2", left.err)
+
+
+@pytest.mark.parametrize("flat", [0, 1])
+def test_maps_want_area_on_both_sides(capsys, tmp_path, flat):
+    ball = icosphere(2)
+    meshes = [ball, ball]
+    meshes[flat] = ball.with_vertices(ball.vertices * [1, 0, 0])
+    files = [tmp_path / f"{k}.ply" for k in range(2)]
+    for file, mesh in zip(files, meshes, strict=True):
+        write(file, mesh)
+    (tmp_path / "pairs.csv").write_text("source,target\n0,0\n1,1\n2,2\n3,3\n")
+    answer = call(capsys, "correspond", *files, "--pairs", tmp_path / "pairs.csv", "-o", tmp_path / "map.npz")
+    assert answer.code == 3
+    assert re.search(rf"a surface with area in .*{flat}\.ply; found 320 faces without any", answer.err)
+    with pytest.raises(MeshError, match="a surface with area"):
+        embed(close(meshes[0]), spherical_map(meshes[1]), VertexPairs([0, 1, 2, 3], [0, 1, 2, 3]))
 
 
 def test_what_was_refused_is_done_when_asked_for(attempt, tmp_path):

@@ -7,7 +7,7 @@ from morphlet.cli import steps
 from morphlet.cli.options import DEFAULTS, MENDING, MaybeOutput, Mending, Output, Pairs
 from morphlet.cli.pictures import draw_matching, draw_regions
 from morphlet.console import Common, Run, execute
-from morphlet.errors import InputError, MeshError
+from morphlet.errors import InputError
 
 if TYPE_CHECKING:
     from morphlet.cli.steps import Ends
@@ -121,10 +121,8 @@ def _regions(run: Run, surface: "Repaired", path: Path, options: "RegionOptions 
 
     steps.warm(run)
     run.stage(f"regions of {path.name}")
-    try:
+    with steps.naming(path):
         return find_regions(surface.mesh, options)
-    except MeshError as error:
-        raise MeshError(f"{error.needed} in {path}", error.found, error.advice) from error
 
 
 def _limbs(found: "Regions", surface: "Repaired") -> dict[str, Any]:

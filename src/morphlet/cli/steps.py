@@ -1,7 +1,8 @@
 """Steps of several verbs: a mesh read and mended, its spherical map, the map to another mesh, and what is told of them."""
 
 import json
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -62,11 +63,18 @@ def closed(run: Run, path: Path, mending: Mending) -> "Repaired":
         from morphlet.surface.repair import RepairOptions, close
 
     shape = read(path)
-    try:
+    with naming(path):
         surface = close(shape, RepairOptions(fill="all", component=mending.component, cut_handles=mending.cut_handles))
+    return _said(run, surface, path)
+
+
+@contextmanager
+def naming(path: Path) -> Iterator[None]:
+    """What is wrong with a mesh names its file."""
+    try:
+        yield
     except MeshError as error:
         raise MeshError(f"{error.needed} in {path}", error.found, error.advice, error.elements) from error
-    return _said(run, surface, path)
 
 
 def _said(run: Run, surface: "Repaired", path: Path) -> "Repaired":
@@ -133,9 +141,13 @@ def matched(
     """Read, map (unless the maps are stored), match, align, lay one into the other's sphere."""
     with run.uncounted():
         from morphlet.pipeline import correspond_maps
+        from morphlet.surface.requirements import require_area
 
     a, b = stored(files[0], spheres[0]), stored(files[1], spheres[1])
     ends = a.surface if a else closed(run, files[0], mending), b.surface if b else closed(run, files[1], mending)
+    for end, file in zip(ends, files, strict=True):
+        with naming(file):
+            require_area(end.mesh)
     told = given(pairs, ends)
     maps = a or mapped(run, ends[0], files[0].name), b or mapped(run, ends[1], files[1].name)
     warm(run)

@@ -15,10 +15,10 @@ from jaxtyping import Float, Int
 from scipy.sparse.csgraph import connected_components
 
 from morphlet import _arrays
-from morphlet.errors import InputError, MeshError
+from morphlet.errors import InputError
 from morphlet.surface.distance import distances, farthest_points
 from morphlet.surface.mesh import Mesh, Topology
-from morphlet.surface.requirements import many
+from morphlet.surface.requirements import require_area
 
 SOURCES = 96
 """Farthest points whose distances stand for those to the whole surface."""
@@ -221,8 +221,7 @@ def find_regions(mesh: Mesh, options: RegionOptions | None = None) -> Regions:
     >>> len(deer), bool(deer.areas.sum() < 1)
     (6, True)
     """
-    if not mesh.area > 0:
-        raise MeshError("a surface with area", f"{many(mesh.n_faces, 'face')} without any", "pass a triangle mesh")
+    require_area(mesh)
     wanted = options or RegionOptions()
     height = mean_distance(mesh)
     peaks = find_peaks(mesh.topology, height)

@@ -24,6 +24,7 @@ from morphlet.sphere.quality import Certificate, certificate
 from morphlet.surface.pairs import VertexPairs
 from morphlet.surface.points import SurfacePoints
 from morphlet.surface.repair import Repaired
+from morphlet.surface.requirements import require_area
 
 MET = 1e-3
 """Radians within which a pair counts as met."""
@@ -124,6 +125,8 @@ def embed(
     ------
     InputError
         If the pairs do not fit the meshes, or, without a start, do not determine a rotation.
+    MeshError
+        If one of the surfaces has no area.
     SolveError
         If no attempt passes the certificate.
 
@@ -148,6 +151,8 @@ def embed(
     (True, 0)
     """
     pairs.checked(source.source, target.mesh)
+    for mesh in (source.mesh, target.surface.mesh):
+        require_area(mesh)
     if start is not None:
         start = _arrays.unit(_arrays.real(start, "start", (source.mesh.n_vertices, 3)), "start")
     elif len(pairs) < 2:

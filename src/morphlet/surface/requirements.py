@@ -46,6 +46,27 @@ def require_sphere(mesh: Mesh) -> None:
         check(mesh.topology)
 
 
+def require_area(mesh: Mesh) -> None:
+    """Refuse a mesh of which no face has an area.
+
+    Raises
+    ------
+    MeshError
+        If all areas are zero, or too small for double precision.
+
+    Examples
+    --------
+    >>> from morphlet import Mesh
+    >>> from morphlet.surface.requirements import require_area
+    >>> require_area(Mesh([[0, 0, 0], [1, 0, 0], [2, 0, 0]], [[0, 1, 2]]))
+    Traceback (most recent call last):
+    morphlet.errors.MeshError: needed a surface with area; found 1 face without any; pass a triangle mesh, in units that fit its size
+    """
+    if not mesh.area > 0:
+        found = f"{many(mesh.n_faces, 'face')} without any"
+        raise MeshError("a surface with area", found, "pass a triangle mesh, in units that fit its size")
+
+
 def degenerate(faces: Int[np.ndarray, "m 3"]) -> np.ndarray:
     """Whether a face repeats a vertex."""
     return (faces == np.roll(faces, -1, axis=1)).any(axis=1)
