@@ -108,7 +108,7 @@ def scheduler(folder: Path) -> Iterator[str]:
     words = ["--host", "127.0.0.1", "--port", "0", "--no-dashboard", "--scheduler-file", str(file)]
     started = [subprocess.Popen([*dask, "scheduler", *words], env=own, **silent)]
     try:
-        while not file.exists():
+        while not (file.exists() and file.read_text().endswith("}")):
             time.sleep(0.1)
         address = str(json.loads(file.read_text())["address"])
         words = [address, "--nthreads", "1", "--no-nanny", "--no-dashboard", "--local-directory", str(folder)]

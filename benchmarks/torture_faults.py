@@ -33,12 +33,9 @@ sys.exit(main(sys.argv[2:]))
 """
 BLOCKED = """
 import sys
-class Gone:
-    def find_spec(self, name, path=None, target=None):
-        if name.split(".")[0] in GONE:
-            raise ModuleNotFoundError(f"No module named {name!r}", name=name)
-GONE = set(sys.argv[1].split(","))
-sys.meta_path.insert(0, Gone())
+from importlib.machinery import PathFinder
+find, gone = PathFinder.find_spec, set(sys.argv[1].split(","))
+PathFinder.find_spec = lambda name, path=None, target=None: None if name.split(".")[0] in gone else find(name, path, target)
 from morphlet.cli import main
 sys.exit(main(sys.argv[2:]))
 """

@@ -62,6 +62,12 @@ def beside(path: str | os.PathLike[str]) -> Iterator[Path]:
         temporary.unlink(missing_ok=True)
 
 
+def put(path: str | os.PathLike[str], data: bytes) -> None:
+    """Write bytes, all of them or none."""
+    with beside(path) as temporary:
+        temporary.write_bytes(data)
+
+
 def save(path: str | os.PathLike[str], kind: str, version: int, arrays: dict[str, np.ndarray]) -> None:
     """Write the arrays with their kind and version."""
     with beside(path) as temporary, open(temporary, "wb") as stream:

@@ -20,7 +20,7 @@ from morphlet.batch.runner import claimed, cluster, run
 from support import icosphere
 
 distributed = pytest.importorskip("distributed", reason="a cluster needs the extra 'cluster'")
-PATIENCE = 60
+PATIENCE = 120
 """Seconds for processes to come up on a busy machine."""
 EASY = {"DASK_DISTRIBUTED__SCHEDULER__ALLOWED_FAILURES": "1", "DASK_DISTRIBUTED__WORKER__PROFILE__ENABLED": "False"}
 
@@ -41,7 +41,7 @@ def scheduler(tmp_path_factory):
     """Its address."""
     file = tmp_path_factory.mktemp("scheduler") / "told.json"
     process = dask("scheduler", "--host", "127.0.0.1", "--port", "0", "--no-dashboard", "--scheduler-file", str(file))
-    wait(file.exists)
+    wait(lambda: file.exists() and file.read_text().endswith("}"))
     yield json.loads(file.read_text())["address"]
     process.terminate()
     process.wait(PATIENCE)

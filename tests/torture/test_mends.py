@@ -9,9 +9,10 @@ import numpy as np
 import pytest
 
 from cli.calls import call
-from morphlet import FileError, InputError, MeshSequence, _store, read, read_pairs, rewrite, write, write_animation
+from morphlet import FileError, InputError, Mesh, MeshError, MeshSequence, _store, read, read_pairs, rewrite, write, write_animation
 from morphlet.cli.compression import _anchor
 from morphlet.cli.motion import _poses
+from morphlet.codec.decimation import decimated
 from morphlet.io import gltf_scene
 from morphlet.io._text import printable
 from morphlet.io.attributes import read_columns
@@ -368,3 +369,13 @@ def test_what_is_too_large_for_a_refusal_is_cut(tmp_path):
     with pytest.raises((FileError, InputError)) as caught:
         read(put(tmp_path, "a.ply", "ply\nformat " + "x" * 10**6 + "\nend_header\n"))
     assert len(str(caught.value)) < 1000
+
+
+def test_decimation_refuses_what_would_end_the_process():
+    ball = icosphere(1)
+    for faces, found in (
+        ([*ball.faces, [0, 1, 1]], "1 face with fewer"),
+        (np.vstack([ball.faces[:40], ball.faces[40:, ::-1]]), "directed edges used twice"),
+    ):
+        with pytest.raises(MeshError, match=found):
+            decimated(Mesh(ball.vertices, faces), 20)

@@ -112,6 +112,7 @@ def _encode_vertices(
     with run.uncounted():
         import numpy as np
 
+        from morphlet import _store
         from morphlet.codec.reading import decode
         from morphlet.codec.results import CodecOptions
         from morphlet.codec.sequence import encode
@@ -119,7 +120,7 @@ def _encode_vertices(
 
     output, permutation = places
     found = encode(frames, error=bound, options=CodecOptions(order=order))
-    run.place(output).write_bytes(found.data)
+    _store.put(run.place(output), found.data)
     if permutation is not None:
         with run.place(permutation).open("wb") as file:
             np.save(file, found.permutation, allow_pickle=False)
@@ -135,11 +136,12 @@ def _encode_vertices(
 def _encode_surface(run: Run, mesh: "Mesh", output: Path, rms: float, mode: Mode) -> dict[str, Any]:
     """A file that keeps the surface alone, and what to tell of it."""
     with run.uncounted():
+        from morphlet import _store
         from morphlet.codec.auto import encode_surface
 
     found = encode_surface(mesh, rms=rms, mode="auto" if mode == "auto" else SURFACES[mode])
     report = found.report
-    run.place(output).write_bytes(found.data)
+    _store.put(run.place(output), found.data)
     draw_mesh(run, found.mesh)
     if report.mode != "exact":
         run.say(f"note: {mesh.n_vertices} vertices became {found.mesh.n_vertices}: --error keeps them")
@@ -150,12 +152,13 @@ def _encode_surface(run: Run, mesh: "Mesh", output: Path, rms: float, mode: Mode
 def _encode_network(run: Run, mesh: "Mesh", output: Path, size: int) -> dict[str, Any]:
     """A wavelet network in so many bytes, and what to tell of it."""
     with run.uncounted():
+        from morphlet import _store
         from morphlet.codec.auto import encode_network, surface_report
         from morphlet.codec.reading import decode
 
     data = encode_network(mesh, size=size)
     back = decode(data)[0]
-    run.place(output).write_bytes(data)
+    _store.put(run.place(output), data)
     draw_mesh(run, back)
     run.say(f"note: {mesh.n_vertices} vertices became {back.n_vertices}: --error keeps them")
     report = surface_report(mesh, back, "mlwnn", len(data))

@@ -4,6 +4,7 @@ import numpy as np
 
 from morphlet.errors import MeshError
 from morphlet.surface.mesh import Mesh
+from morphlet.surface.requirements import degenerate, many
 
 
 def decimated(mesh: Mesh, faces: int) -> Mesh:
@@ -12,7 +13,7 @@ def decimated(mesh: Mesh, faces: int) -> Mesh:
     Raises
     ------
     MeshError
-        If faces are turned against their neighbours, or edges of more than two faces leave nothing to collapse.
+        If faces repeat a vertex or are turned against their neighbours, or edges of more than two faces leave nothing to collapse.
 
     Notes
     -----
@@ -31,9 +32,17 @@ def decimated(mesh: Mesh, faces: int) -> Mesh:
     """
     import igl
 
-    _ = mesh.topology.twins  # igl does not come back from faces turned against their neighbours
+    _require_plain(mesh)
     found = igl.qslim(np.array(mesh.vertices), np.array(mesh.faces), faces)
     vertices, corners = (np.asarray(part) for part in found[-4:-2])
     if not len(corners) or len(corners) >= mesh.n_faces:
         raise MeshError("a manifold with edges to collapse", f"{len(corners)} of {mesh.n_faces} faces left", "try repair(mesh)")
     return Mesh(vertices, corners.astype(np.int64))
+
+
+def _require_plain(mesh: Mesh) -> None:
+    """Refuse what igl does not come back from."""
+    flat = np.flatnonzero(degenerate(mesh.faces))
+    if len(flat):
+        raise MeshError("faces of three vertices", f"{many(len(flat), 'face')} with fewer", "try repair(mesh)", flat)
+    _ = mesh.topology.twins  # an error if faces are turned against their neighbours
