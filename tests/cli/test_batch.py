@@ -238,10 +238,12 @@ def test_a_batch_that_is_stopped_goes_on_where_it_was(capsys, tmp_path, slow, en
     out = tmp_path / "out"
     process = start("batch", "sphere", slow, "-o", out, *ONE)
     one_done(out)
+    process.send_signal(signal.SIGSTOP)  # the others wait, however long the next lines take
     second = call(capsys, "batch", "sphere", slow, "-o", out, *ONE)
     assert second.code == 4
     assert "found another batch at work in it" in second.err
     process.send_signal(ending)
+    process.send_signal(signal.SIGCONT)
     answer = finished(process)
     before = (out / "manifest.jsonl").read_bytes().count(b"\n")
     assert 1 <= before < 3

@@ -11,7 +11,8 @@ import numpy as np
 import pytest
 
 from cli.calls import call
-from morphlet import read, sample, write
+from features.test_matching import bumpy
+from morphlet import Mesh, read, sample, write
 from morphlet.cli import main
 from morphlet.numerics import threads
 from support import blob
@@ -27,8 +28,8 @@ TIMES = {"seconds", "cpu_seconds", "prepare_seconds", "frame_seconds", "pose_sec
 """Keys of results that may differ."""
 SIZE = 3600
 """Vertices: more than where kernels begin to use several threads."""
-SMALL = int(os.environ.get("MORPHLET_DETERMINISM_VERTICES", "1500"))
-"""Vertices for the verbs that take longest; with 3600 the whole takes minutes."""
+WHOLE = "MORPHLET_DETERMINISM_VERTICES" in os.environ
+"""Whether the verbs that take longest are tried on meshes of this size, too: that takes minutes."""
 LONG = ("match", "correspond", "morph", "transfer", "shape", "mlwnn", "reconstruct", "carry", "decode", "batch")
 MADE = (
     ("approximate", "pose-1.ply", "--wavelets", "8", "-o", "rows.npz"),
@@ -42,24 +43,28 @@ MADE = (
 def folder(tmp_path_factory) -> Path:
     """Two folders of meshes, large and small; in both an edit by each method."""
     made = tmp_path_factory.mktemp("same")
-    for name, size in (("large", SIZE), ("small", SMALL)):
-        (made / name).mkdir()
-        fill(made / name, size)
+    star = bumpy(level=3)
+    fill(made / "large", sample("grazer", n_vertices=SIZE), sample("predator", n_vertices=SIZE))
+    if WHOLE:
+        size = int(os.environ["MORPHLET_DETERMINISM_VERTICES"])
+        fill(made / "small", sample("grazer", n_vertices=size), sample("predator", n_vertices=size))
+    else:
+        fill(made / "small", star, star.with_vertices(star.vertices * [1, 1.2, 0.9]))
     with contextlib.chdir(made / "small"):
         np.save("heights.npy", read("pose-1.ply").vertices[:, 2])
         assert [main([*words, "--quiet"]) for words in MADE] == [0] * len(MADE)
     return made
 
 
-def fill(made: Path, size: int) -> None:
-    """Meshes of this size, and edits of them."""
-    grazer = sample("grazer", n_vertices=size)
-    write(made / "a.ply", grazer)
-    write(made / "b.ply", sample("predator", n_vertices=size))
-    write(made / "ball.ply", blob(4 if size > 3000 else 3))
+def fill(made: Path, first: Mesh, second: Mesh) -> None:
+    """These meshes, poses of the first, and edits of it."""
+    made.mkdir()
+    write(made / "a.ply", first)
+    write(made / "b.ply", second)
+    write(made / "ball.ply", blob(4 if WHOLE else 3))
     for k in (1, 2):
-        write(made / f"pose-{k}.ply", grazer.with_vertices(grazer.vertices * [1, 1 + 0.1 * k, 1]))
-    top = grazer.vertices[np.argmax(grazer.vertices[:, 2])].tolist()
+        write(made / f"pose-{k}.ply", first.with_vertices(first.vertices * [1, 1 + 0.1 * k, 1]))
+    top = first.vertices[np.argmax(first.vertices[:, 2])].tolist()
     for method in METHODS:
         (made / f"{method}.toml").write_text(EDIT.format(method=method, top=top))
 
