@@ -79,12 +79,12 @@ def test_results_of_other_parameters_are_refused(folders):
 def test_bad_items_fail_with_their_reason_and_others_are_done(folders):
     inside, out = folders
     deeds = {"a": "copy", "b": "fail", "c": "crash", "d": "copy", "e": "hang"}
-    found = done(out, [item(inside, name, deed) for name, deed in deeds.items()], Limits(seconds=1.0))
+    found = done(out, [item(inside, name, deed) for name, deed in deeds.items()], Limits(seconds=3.0))
     assert found == {"a": "done", "b": "failed", "c": "failed", "d": "done", "e": "failed"}
     errors = {Path(line["input"]).stem: line["error"] for line in told(out)}
     assert errors["b"] == "needed a better mesh"
     assert errors["c"].startswith("its process was ended by SIGKILL")
-    assert errors["e"] == "ended after its time limit of 1 s"
+    assert errors["e"] == "ended after its time limit of 3 s"
     assert sorted(path.name for path in out.iterdir() if path.suffix == ".out") == ["a.out", "d.out"]
 
 
