@@ -225,6 +225,13 @@ def slow(tmp_path):
     return folder
 
 
+LISTENING = (
+    "import signal, sys; signal.signal(signal.SIGINT, signal.default_int_handler); "
+    "from morphlet.cli import main; sys.exit(main(sys.argv[1:]))"
+)
+"""The command line, for which Ctrl-C counts even where these tests run in the background of a shell that ignores it."""
+
+
 def one_done(out):
     deadline = time.monotonic() + 120
     while not (out / "manifest.jsonl").exists() or not (out / "manifest.jsonl").stat().st_size:
@@ -236,7 +243,7 @@ def one_done(out):
 @pytest.mark.parametrize("ending", [signal.SIGINT, signal.SIGKILL])
 def test_a_batch_that_is_stopped_goes_on_where_it_was(capsys, tmp_path, slow, ending):
     out = tmp_path / "out"
-    process = start("batch", "sphere", slow, "-o", out, *ONE)
+    process = start("batch", "sphere", slow, "-o", out, *ONE, prefix=("-c", LISTENING))
     one_done(out)
     process.send_signal(signal.SIGSTOP)  # the others wait, however long the next lines take
     second = call(capsys, "batch", "sphere", slow, "-o", out, *ONE)
