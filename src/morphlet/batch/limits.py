@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from morphlet.errors import InputError
+from morphlet.numerics.threads import cores
 
 UNITS = {"": 1, "k": 10**3, "m": 10**6, "g": 10**9, "t": 10**12}
 SIZE = re.compile(r"(\d+(?:\.\d+)?)\s*([kmgt]?)b?", flags=re.IGNORECASE)
@@ -112,11 +113,6 @@ def fitting(need: int, asked: int | None = None) -> int:
     wanted = cores() if asked is None else asked
     free = available_memory()
     return wanted if free is None else max(1, min(wanted, free // need))
-
-
-def cores() -> int:
-    """Cores that this process may use."""
-    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
 def _of_machine() -> int | None:

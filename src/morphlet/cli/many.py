@@ -116,8 +116,9 @@ def started(run: Run, output: Path, many: Many, items: "list[Item]") -> Iterator
 
 def _engine(run: Run, many: Many, items: "list[Item]") -> "tuple[AbstractContextManager[Engine], int | None, Limits]":
     """What does the items, how many at once if that is known, and what each may take."""
-    from morphlet.batch.limits import Limits, cores, expected_memory, fitting, parse_size
+    from morphlet.batch.limits import Limits, expected_memory, fitting, parse_size
     from morphlet.batch.runner import cluster, machine
+    from morphlet.numerics.threads import cores
 
     memory = None if many.memory_limit is None else parse_size(many.memory_limit)
     if many.scheduler is not None:

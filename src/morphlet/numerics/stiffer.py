@@ -9,7 +9,7 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from morphlet.numerics.compiled import kernel
-from morphlet.numerics.elimination import Tree
+from morphlet.numerics.elimination import Tree, from_counts
 from morphlet.numerics.supernodal import NOTHING, WIDTH, Projection, forward, padded, subtract, triangulate
 
 SHARE = 0.3
@@ -56,16 +56,12 @@ def _branch(tree: Tree, chosen: Int[np.ndarray, "s"]) -> tuple[Tree, Int[np.ndar
     columns, below = np.diff(tree.first)[chosen], np.diff(tree.row_start)[chosen]
     rows = _ranges(tree.first[chosen], columns)
     parts = np.searchsorted(rows, tree.rows[_ranges(tree.row_start[chosen], below)])
-    return tree._replace(first=_from_counts(columns), row_start=_from_counts(below), rows=parts, panel=tree.panel[chosen]), rows
+    return tree._replace(first=from_counts(columns), row_start=from_counts(below), rows=parts, panel=tree.panel[chosen]), rows
 
 
 def _ranges(begin: Int[np.ndarray, "s"], counts: Int[np.ndarray, "s"]) -> Int[np.ndarray, "r"]:
     """So many numbers from each beginning on, one after the other."""
-    return np.repeat(begin - _from_counts(counts)[:-1], counts) + np.arange(counts.sum())
-
-
-def _from_counts(counts: Int[np.ndarray, "s"]) -> Int[np.ndarray, "s+1"]:
-    return np.concatenate([np.zeros(1, np.int64), np.cumsum(counts)])
+    return np.repeat(begin - from_counts(counts)[:-1], counts) + np.arange(counts.sum())
 
 
 def _upwards(rows: Int[np.ndarray, "m"], basis: Float[np.ndarray, "k m"]) -> Projection:

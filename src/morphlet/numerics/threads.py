@@ -17,11 +17,15 @@ T = TypeVar("T")
 _LIMIT: ContextVar[int | None] = ContextVar("threads", default=None)
 
 
+def cores() -> int:
+    """Cores that this process may use."""
+    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+
+
 def available() -> int:
     """Threads that kernels may use: as many as this process has cores, or fewer inside `limited`."""
-    cores = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
     limit = _LIMIT.get()
-    return cores if limit is None else min(limit, cores)
+    return cores() if limit is None else min(limit, cores())
 
 
 @contextmanager
