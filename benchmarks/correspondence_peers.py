@@ -20,7 +20,7 @@ from morphlet.features.signature import signature
 from morphlet.mapping.alignment import Alignment, SphereSamples, align_by_pairs, align_by_search
 from morphlet.mapping.embedding import embed
 from morphlet.numerics.rigid import rigid
-from morphlet.pipeline import aligned
+from morphlet.pipeline.correspond import aligned
 from morphlet.samples.truth import KnownPair, at_vertices
 from morphlet.sphere.quality import certificate
 from morphlet.surface.nearest import nearest

@@ -40,7 +40,7 @@ from morphlet import (
 )
 from morphlet.metrics import psnr
 from morphlet.numerics.unit_sphere import icosphere
-from morphlet.pipeline import aligned
+from morphlet.pipeline.correspond import aligned
 from morphlet.report import canvas
 from morphlet.report.camera import Camera, view
 from morphlet.report.canvas import Tile

@@ -15,7 +15,7 @@ from book import Sheet, Table, add_options
 
 RUNS = 5
 MORPHLET = (sys.executable, "-m", "morphlet")
-IMPORT = "import morphlet.pipeline, morphlet.report.story"
+IMPORT = "import morphlet.pipeline.morph, morphlet.report.story"
 START = "from morphlet import Mesh, spherical_map; from morphlet.numerics.unit_sphere import icosphere; spherical_map(Mesh(*icosphere(1)))"
 LEFT = """
 from numba.core import event

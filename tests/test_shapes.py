@@ -31,7 +31,7 @@ from morphlet.approximation.rows import RowOptions, approximate_by_rows
 from morphlet.approximation.surface import approximate
 from morphlet.editing.falloff import rate
 from morphlet.numerics.unit_sphere import icosphere
-from morphlet.pipeline import morph
+from morphlet.pipeline.morph import morph
 from morphlet.report.color import place_colors
 from morphlet.report.look import Look
 from morphlet.report.sheet import contact_sheet

@@ -56,8 +56,8 @@ if TYPE_CHECKING:
     from morphlet.errors import MorphletError as MorphletError
     from morphlet.errors import SolveError as SolveError
     from morphlet.features.matching import Matching as Matching
-    from morphlet.features.matching import MatchOptions as MatchOptions
     from morphlet.features.matching import match as match
+    from morphlet.features.pairing import MatchOptions as MatchOptions
     from morphlet.features.regions import RegionOptions as RegionOptions
     from morphlet.features.regions import Regions as Regions
     from morphlet.features.regions import find_regions as find_regions
@@ -106,16 +106,18 @@ if TYPE_CHECKING:
     from morphlet.motion.transfer import transfer as transfer
     from morphlet.numerics.optimize import Step as Step
     from morphlet.numerics.optimize import Trace as Trace
-    from morphlet.pipeline import Candidate as Candidate
-    from morphlet.pipeline import CorrespondResult as CorrespondResult
-    from morphlet.pipeline import MorphResult as MorphResult
-    from morphlet.pipeline import correspond as correspond
-    from morphlet.pipeline import correspond_maps as correspond_maps
-    from morphlet.pipeline import morph as morph
-    from morphlet.pipeline import morph_along as morph_along
-    from morphlet.placed import PlacedResult as PlacedResult
-    from morphlet.placed import correspond_places as correspond_places
-    from morphlet.placed import correspond_places_maps as correspond_places_maps
+    from morphlet.pipeline.candidates import Candidate as Candidate
+    from morphlet.pipeline.correspond import correspond as correspond
+    from morphlet.pipeline.correspond import correspond_maps as correspond_maps
+    from morphlet.pipeline.morph import MorphResult as MorphResult
+    from morphlet.pipeline.morph import morph as morph
+    from morphlet.pipeline.morph import morph_along as morph_along
+    from morphlet.pipeline.placed import PlacedResult as PlacedResult
+    from morphlet.pipeline.placed import correspond_places as correspond_places
+    from morphlet.pipeline.placed import correspond_places_maps as correspond_places_maps
+    from morphlet.pipeline.results import CorrespondResult as CorrespondResult
+    from morphlet.pipeline.several import CommonSphere as CommonSphere
+    from morphlet.pipeline.several import correspond_all as correspond_all
     from morphlet.report.film import film as film
     from morphlet.report.render import Picture as Picture
     from morphlet.report.render import render as render
@@ -124,8 +126,6 @@ if TYPE_CHECKING:
     from morphlet.samples.creatures import creature as creature
     from morphlet.samples.creatures import landmarks as landmarks
     from morphlet.samples.creatures import sample as sample
-    from morphlet.several import CommonSphere as CommonSphere
-    from morphlet.several import correspond_all as correspond_all
     from morphlet.sphere.embed import SphereOptions as SphereOptions
     from morphlet.sphere.image import SphericalImage as SphericalImage
     from morphlet.sphere.image import spherical_image as spherical_image
@@ -193,7 +193,8 @@ _HOMES = {
     "morphlet.editing.shell": "Shell",
     "morphlet.editing.space": "Lattice MovingLeastSquares",
     "morphlet.errors": "Cancelled FileError InputError MeshError MissingExtra MorphletError SolveError",
-    "morphlet.features.matching": "MatchOptions Matching match",
+    "morphlet.features.matching": "Matching match",
+    "morphlet.features.pairing": "MatchOptions",
     "morphlet.features.regions": "RegionOptions Regions find_regions",
     "morphlet.io.formats": "read rewrite write",
     "morphlet.io.pairs": "read_pairs write_pairs",
@@ -219,13 +220,16 @@ _HOMES = {
     "morphlet.motion.tour": "Tour",
     "morphlet.motion.transfer": "Anchor TransferSolver transfer",
     "morphlet.numerics.optimize": "Step Trace",
-    "morphlet.pipeline": "Candidate CorrespondResult MorphResult correspond correspond_maps morph morph_along",
-    "morphlet.placed": "PlacedResult correspond_places correspond_places_maps",
+    "morphlet.pipeline.candidates": "Candidate",
+    "morphlet.pipeline.correspond": "correspond correspond_maps",
+    "morphlet.pipeline.morph": "MorphResult morph morph_along",
+    "morphlet.pipeline.placed": "PlacedResult correspond_places correspond_places_maps",
+    "morphlet.pipeline.results": "CorrespondResult",
+    "morphlet.pipeline.several": "CommonSphere correspond_all",
     "morphlet.report.film": "film",
     "morphlet.report.render": "Picture render",
     "morphlet.samples.catalogue": "fetch",
     "morphlet.samples.creatures": "Creature creature landmarks sample",
-    "morphlet.several": "CommonSphere correspond_all",
     "morphlet.sphere.embed": "SphereOptions",
     "morphlet.sphere.image": "SphericalImage spherical_image",
     "morphlet.sphere.map": "SphericalMap spherical_map",

@@ -6,7 +6,7 @@ import numpy as np
 
 from morphlet.io.formats import write
 from morphlet.io.pairs import write_pairs
-from morphlet.pipeline import CorrespondResult
+from morphlet.pipeline.results import CorrespondResult
 from morphlet.samples.anatomy import SPECIES
 from morphlet.samples.creatures import Creature, landmarks, sample
 from morphlet.surface.pairs import VertexPairs

@@ -36,7 +36,7 @@ from morphlet.motion.transfer import transfer
 from morphlet.numerics.linalg import factorize
 from morphlet.numerics.optimize import Trace
 from morphlet.numerics.unit_sphere import icosphere
-from morphlet.pipeline import morph
+from morphlet.pipeline.morph import morph
 from morphlet.sphere.energy import reference
 from morphlet.sphere.level import Level
 from morphlet.sphere.map import SphericalMap

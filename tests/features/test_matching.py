@@ -10,18 +10,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from morphlet import InputError, Mesh, MeshError, VertexPairs, read_pairs, repair
-from morphlet.features.matching import (
-    ENOUGH,
-    WORTH,
-    MatchOptions,
-    _differences,
-    _displaced,
-    _marks,
-    _problem,
-    candidates,
-    contradicts,
-    match,
-)
+from morphlet.features.matching import ENOUGH, WORTH, candidates, match
+from morphlet.features.pairing import MatchOptions, _displaced, contradicts, marks_of, plain_differences, problem_of
 from morphlet.features.regions import Regions, find_regions
 from morphlet.samples.anatomy import SPECIES
 from morphlet.samples.creatures import Creature
@@ -150,7 +140,7 @@ def test_the_mirror_image_of_a_symmetric_animal_has_left_and_right_exchanged():
 def test_the_volume_of_coordinates_is_that_of_the_mesh():
     mesh = blob(3)
     regions = Regions(mesh, np.zeros(mesh.n_vertices), star().peaks, [], [], [0, 1, 2], mesh.vertices.T)
-    volumes = _marks(regions, NONE).volumes
+    volumes = marks_of(regions, NONE).volumes
     assert 0.02 * volumes[0, 1, 2] == pytest.approx(mesh.volume)
     for order, sign in (((1, 2, 0), 1), ((2, 0, 1), 1), ((1, 0, 2), -1), ((0, 2, 1), -1), ((2, 1, 0), -1)):
         assert volumes[order] == pytest.approx(sign * volumes[0, 1, 2])
@@ -158,8 +148,8 @@ def test_the_volume_of_coordinates_is_that_of_the_mesh():
 
 
 def test_no_tip_is_paired_twice():
-    marks = _marks(star(), NONE)
-    added = _problem(marks, marks, MatchOptions()).added(((0, 3), (1, 4)), 2)
+    marks = marks_of(star(), NONE)
+    added = problem_of(marks, marks, MatchOptions()).added(((0, 3), (1, 4)), 2)
     assert np.isinf(added[[3, 4]]).all()
     assert np.isfinite(added[[0, 1, 2, 5]]).all()
 
@@ -321,10 +311,10 @@ def test_limbs_that_are_longer_as_a_whole_sit_where_they_sat():
     assert _displaced(tree(limbs, same), tree(others, same)) == pytest.approx(0, abs=1e-9)
     assert _displaced(tree(limbs, same), tree(others, turned)) > 1
     three = np.ix_(range(3), range(3))
-    assert _displaced(tree(limbs, same)[three], tree(others, same)[three]) == _differences(
+    assert _displaced(tree(limbs, same)[three], tree(others, same)[three]) == plain_differences(
         tree(limbs, same)[three], tree(others, same)[three]
     )
-    assert _differences(tree(limbs, same), tree(others, same)) > 1
+    assert plain_differences(tree(limbs, same), tree(others, same)) > 1
 
 
 @cache

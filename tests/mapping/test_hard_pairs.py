@@ -10,7 +10,7 @@ from morphlet.features.matching import Matching
 from morphlet.io.pairs import read_pairs
 from morphlet.mapping.correspondence import doubts
 from morphlet.mapping.embedding import EmbeddingOptions, embed
-from morphlet.pipeline import settled
+from morphlet.pipeline.candidates import settled
 from morphlet.samples.copies import remeshed
 from morphlet.samples.creatures import Creature
 from morphlet.sphere.map import SphericalMap, map_surface

@@ -18,7 +18,7 @@ from morphlet.paper.simplified import Bound
 from morphlet.paper.stopwatch import median_seconds
 from morphlet.paper.subjects import HORSE, ROWS, Recipe, Stock, Subject, at_hand, farthest, simplified
 from morphlet.paper.tables import reading
-from morphlet.pipeline import aligned, correspond, correspond_maps
+from morphlet.pipeline.correspond import aligned, correspond, correspond_maps
 from morphlet.sphere.map import spherical_map
 from morphlet.wavenet.library import dyadic_library
 from morphlet.wavenet.mothers import PAPER_SIX
@@ -138,7 +138,8 @@ def test_flows_are_the_calls_of_the_code() -> None:
     top = [call.function for call in calls if call.depth == 0]
     assert top == [spherical_map, correspond_maps]
     below = [call.name for call in calls[calls.index(Call(correspond_maps, 0)) :] if call.depth == 1]
-    assert below[:3] == ["pipeline.matched_regions", "pipeline.aligned", "mapping.embedding.embed"]
+    assert below[:2] == ["pipeline.candidates.matched_regions", "pipeline.candidates.landmark_pairs"]
+    assert below[2:4] == ["pipeline.correspond.aligned", "mapping.embedding.embed"]
     assert [call.name for call in _calls_below(aligned, 0, 1)][-2:] == ["mapping.alignment.align_by_pairs", "mapping.warp.warp_by_pairs"]
     assert all(call.says for call in calls)
 

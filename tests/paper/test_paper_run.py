@@ -15,7 +15,7 @@ from morphlet.paper import page
 from morphlet.paper.book import ENTRIES, Entry, Made, make
 from morphlet.paper.exhibit import slug
 from morphlet.paper.subjects import FEW, Stock
-from morphlet.pipeline import correspond_maps
+from morphlet.pipeline.correspond import correspond_maps
 from morphlet.report.page import PNG
 from morphlet.samples.creatures import landmarks
 from morphlet.surface.pairs import VertexPairs

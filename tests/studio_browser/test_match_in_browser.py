@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from morphlet import VertexPairs, correspond, sample
-from morphlet.pipeline import morph_along
+from morphlet.pipeline.morph import morph_along
 
 SINGLE = 2e-6
 """Positions travel in single precision: its rounding, for coordinates up to some units."""

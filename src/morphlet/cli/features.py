@@ -13,7 +13,7 @@ if TYPE_CHECKING:
     from morphlet.cli.steps import Ends
     from morphlet.features.matching import Matching
     from morphlet.features.regions import RegionOptions, Regions
-    from morphlet.pipeline import Candidate
+    from morphlet.pipeline.candidates import Candidate
     from morphlet.surface.pairs import VertexPairs
     from morphlet.surface.repair import Repaired
 
@@ -89,7 +89,7 @@ def match(
         run.file(output, ".csv")
         with run.uncounted():
             from morphlet.io.pairs import write_pairs
-            from morphlet.pipeline import trust
+            from morphlet.pipeline.candidates import trust
 
         ends = steps.closed(run, a, mending), steps.closed(run, b, mending)
         given = _once(steps.given(pairs, ends), ends, pairs)
@@ -193,7 +193,7 @@ def _settled(
     """Regions matched, what was tried, what is doubtful; spheres are made only where several matchings are nearly as good."""
     with run.uncounted():
         from morphlet.features.matching import candidates
-        from morphlet.pipeline import settled
+        from morphlet.pipeline.candidates import settled
 
     run.stage("matching")
     found = candidates(*regions, None if given is None else steps.inside(given, ends))

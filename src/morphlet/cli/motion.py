@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from morphlet.motion.morph import MorphPath
     from morphlet.motion.schedule import Schedule
     from morphlet.motion.transfer import Anchor
-    from morphlet.pipeline import CorrespondResult
+    from morphlet.pipeline.results import CorrespondResult
     from morphlet.surface.mesh import Mesh
     from morphlet.surface.repair import Repaired
     from morphlet.surface.sequence import MeshSequence
@@ -170,7 +170,7 @@ def write_frames(
 ) -> dict[str, Any]:
     """Morph along a correspondence and write everything `morph` promises: for the first folder, into the second."""
     with run.uncounted():
-        from morphlet.pipeline import morph_along
+        from morphlet.pipeline.morph import morph_along
         from morphlet.report.story import write_morph
 
     run.stage("frames")

@@ -15,7 +15,7 @@ if TYPE_CHECKING:
     from morphlet.features.matching import Matching
     from morphlet.features.regions import Regions
     from morphlet.io.attributes import Attribute
-    from morphlet.pipeline import CorrespondResult
+    from morphlet.pipeline.results import CorrespondResult
     from morphlet.report.render import Picture
     from morphlet.sphere.map import SphericalMap
     from morphlet.surface.mesh import Mesh

@@ -34,7 +34,7 @@ def serve() -> None:
     requests: Queue[bytes] = Queue()
     threading.Thread(target=_read, args=(requests,), daemon=True).start()
     with suppress(Empty, BrokenPipeError):
-        import morphlet.pipeline  # noqa: F401  its libraries take a second or more, which is no item's own
+        import morphlet.pipeline.correspond  # noqa: F401  its libraries take a second or more, which is no item's own
 
         answers.write(json.dumps({"ready": os.getpid()}) + "\n")
         answers.flush()

@@ -11,7 +11,7 @@ from morphlet.console import Run, plain
 from morphlet.errors import InputError, MeshError
 
 if TYPE_CHECKING:
-    from morphlet.pipeline import CorrespondResult
+    from morphlet.pipeline.results import CorrespondResult
     from morphlet.sphere.embed import SphereOptions
     from morphlet.sphere.map import SphericalMap
     from morphlet.surface.pairs import VertexPairs
@@ -140,7 +140,7 @@ def matched(
 ) -> "CorrespondResult":
     """Read, map (unless the maps are stored), match, align, lay one into the other's sphere."""
     with run.uncounted():
-        from morphlet.pipeline import correspond_maps
+        from morphlet.pipeline.correspond import correspond_maps
         from morphlet.surface.requirements import require_area
 
     a, b = stored(files[0], spheres[0]), stored(files[1], spheres[1])

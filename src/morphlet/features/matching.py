@@ -1,43 +1,24 @@
 """Pair the feature regions of two surfaces (step 10 of the paper).
 
-Tips are alike if as much of the surface lies within each distance of them. Sets of tips are alike if they are as far apart, but for the
-lengths of their limbs: what of the distances between them cannot be explained by making some limbs longer says where they sit. Triples are
-alike if the surface, drawn in space with its distances from the three tips as coordinates, encloses as much volume: a mirror image
-encloses the negative, so this alone tells left from right, on the surface itself, without a map to the sphere. A beam search finds the
-cheapest pairing; its best contradiction, the runner-up, says how far it can be trusted, and where that is not far the other candidates
-are handed out, too. Then the tips of each pair of regions are compared
-with the lesser peaks around them, and the core is placed by its distances from the tips.
+The tips are paired as cheaply as `pairing` finds; the best contradiction, the runner-up, says how far that can be trusted, and where it is
+not far the other candidates are handed out, too. Then the tips of each pair of regions are compared with the lesser peaks around them, and
+the core is placed by its distances from the tips.
 """
 
-from collections.abc import Callable, Iterable
 from dataclasses import dataclass, replace
 from itertools import product
 from typing import Any
 
 import numpy as np
-from jaxtyping import Float, Int
+from jaxtyping import Int
 
 from morphlet import _arrays
 from morphlet.errors import InputError, MeshError
+from morphlet.features.pairing import NEAR, MatchOptions, Pairing, Problem, contradicts, marks_of, plain_differences, problem_of
 from morphlet.features.regions import Regions
-from morphlet.surface.distance import distances
-from morphlet.surface.mesh import Mesh
-from morphlet.surface.pairs import VertexPairs
+from morphlet.surface.pairs import NO_PAIRS, VertexPairs
 from morphlet.surface.requirements import many
 
-RADII = np.geomspace(0.08, 1.2, 12)
-"""Distances within which the share of the surface is compared, over sqrt(area): from the width of a leg to the length of the body."""
-BLUR = 0.04
-"""Width of the rim of these discs, over sqrt(area): about an edge, so that no vertex counts by itself."""
-LEAST_SHARE = 1e-4
-"""Shares below are not told apart."""
-VOLUME = 0.02
-"""Enclosed volumes are measured in this unit, over area^(3/2): the rms over the triples of an animal's tips is 0.012 to 0.025."""
-SHAPE, LENGTH, TURN, MISS = 4.0, 2.0, 1.0, 3.0
-"""Weights of the three likenesses, and cost of two tips that stay alone. On 31 pairs of poses of horses, cats and wolves no limb was paired
-wrongly with shape weights of 2 to 6, lengths 0 to 3, turns 0.7 to 1.5, misses 2 to 4; without turns, left and right are the same."""
-BEAM = 400
-"""Pairings kept from tip to tip: more than all that are worth a thought with six tips."""
 SLACK = 0.5
 """Tips and details of a pair of regions are paired if that costs less than the mean pair of tips and this: the limb is sure by then."""
 SURE = 0.04
@@ -53,195 +34,13 @@ MIRRORED = 0.2
 """Cost by which the mirror image may fit better, per pair: up to 0.04 for symmetric animals, 0.7 for a shape without symmetry."""
 CORE, CORE_LABEL = 0.25, "core"
 """Weight of the pair of cores, which are found less exactly than tips, and its label."""
-LIMBS = 4
-"""Pairs from which on limbs may be longer or shorter at no cost: the distances of three tips could all be explained by that."""
 FEWEST, ENOUGH = 3, 4
 """Pairs without which no map can be started, and below which one had better not be."""
-NEAR = 0.1
-"""A pair of the user stands for tips within this distance, over sqrt(area)."""
-
 RIVAL = "another pairing of the tips is nearly as good (margin {margin:.3f}): give landmarks, or check the pairs"
 MIRROR = "the mirror image of the target is much more alike (cost {reflected:.2f}, not {cost:.2f}, per pair): is one of them reflected?"
 STRANGE = "even the best pairing is a poor one (cost {cost:.2f} per pair): the shapes may not correspond, give landmarks"
 FEW = "only {count} pairs of regions or landmarks, of {tips} tips: give more landmarks"
 """What a matching says of itself."""
-
-Pairing = tuple[tuple[int, int], ...]
-"""Landmarks of the source and of the target that go together."""
-Comparison = Callable[[np.ndarray, np.ndarray], float]
-"""How unlike two matrices of distances are."""
-
-
-@dataclass(frozen=True)
-class MatchOptions:
-    """How much each likeness counts.
-
-    Parameters
-    ----------
-    shape
-        Weight of the share of the surface within some distances of a tip (mean absolute difference of logarithms).
-    length
-        Weight of the distances between tips (relative difference, as far as limbs that are longer as a whole do not explain it).
-    turn
-        Weight of the volumes of triples, which tell left from right, in units of `VOLUME`.
-    miss
-        Cost of two tips without partner.
-
-    Examples
-    --------
-    >>> from morphlet.features.matching import MatchOptions
-    >>> MatchOptions(miss=1.0).shape
-    4.0
-    """
-
-    shape: float = SHAPE
-    length: float = LENGTH
-    turn: float = TURN
-    miss: float = MISS
-
-    def __post_init__(self) -> None:
-        weights = (self.shape, self.length, self.turn, self.miss)
-        if not (np.all(np.isfinite(weights)) and min(weights) >= 0 and self.miss > 0):
-            raise InputError("weights >= 0 and a cost of misses > 0", f"{weights}", "leave them at their defaults")
-
-
-@dataclass(frozen=True, eq=False)
-class _Marks:
-    """What is compared of one surface: its landmarks, then the places of the user's pairs.
-
-    Parameters
-    ----------
-    fields
-        Distances from each, over sqrt(area).
-    shares
-        Share of the surface within each of `RADII`.
-    apart
-        Distance of each from each other one, over sqrt(area).
-    volumes
-        What the distances from three of them enclose, in units of `VOLUME`; changes sign when two are exchanged.
-    """
-
-    fields: Float[np.ndarray, "l n"]
-    shares: Float[np.ndarray, "l r"]
-    apart: Float[np.ndarray, "l l"]
-    volumes: Float[np.ndarray, "l l l"]
-
-    def free(self, wanted: Iterable[int], given: int) -> list[int]:
-        """Those of some landmarks that no place of the user's pairs, the last ones here, stands for."""
-        last = len(self.apart) - given
-        return [k for k in wanted if np.min(self.apart[k, last:], initial=NEAR) >= NEAR]
-
-
-def _marks(regions: Regions, given: Int[np.ndarray, "f"]) -> _Marks:
-    """The landmarks of one surface, and what is known of them."""
-    mesh = regions.mesh
-    fields = np.vstack([regions.distance, distances(mesh, given) / np.sqrt(mesh.area)])
-    shares = np.stack([np.clip((radius - fields) / BLUR + 0.5, 0, 1) @ mesh.vertex_areas for radius in RADII], axis=1) / mesh.area
-    apart = fields[:, np.concatenate([regions.landmarks, given])]
-    return _Marks(fields, np.maximum(shares, LEAST_SHARE), (apart + apart.T) / 2, _volumes(mesh, fields))
-
-
-def _volumes(mesh: Mesh, fields: Float[np.ndarray, "l n"]) -> Float[np.ndarray, "l l l"]:
-    """Integral of f_i df_j df_k over the surface, in units of `VOLUME`: what it encloses with these three fields as coordinates."""
-    a, b, c = (fields[:, mesh.faces[:, k]] for k in range(3))
-    mean, first, second = (a + b + c) / 3, b - a, c - a
-    forms = np.empty((len(fields),) * 3)
-    for j in range(len(fields)):
-        forms[:, j] = mean @ (first[j] * second - second[j] * first).T / 2
-    cyclic = (forms + forms.transpose(2, 0, 1) + forms.transpose(1, 2, 0)) / 3  # equal but for holes
-    return cyclic * (-1.0 if mesh.volume < 0 else 1.0) / VOLUME
-
-
-@dataclass(frozen=True, eq=False)
-class _Problem:
-    """Two sets of landmarks and what it costs to pair them.
-
-    Parameters
-    ----------
-    unary
-        Cost of each pair by itself; infinite where it is forbidden.
-    compared
-        How unlike the distances between some landmarks are: sum of relative differences.
-    """
-
-    source: _Marks
-    target: _Marks
-    unary: Float[np.ndarray, "a b"]
-    options: MatchOptions
-    compared: Comparison
-
-    def added(self, pairing: Pairing, i: int) -> Float[np.ndarray, "b"]:
-        """Cost of landmark i with each of the target, beside pairs already made."""
-        cost = self.unary[i].copy()
-        if pairing:
-            k, m = np.array(pairing).T
-            cost[m] = np.inf
-            near, far = self.source.apart[i, k], self.target.apart[:, m]
-            cost += self.options.length * np.mean(_difference(near, far), axis=1)
-        if len(pairing) > 1:
-            turned = self.source.volumes[i][np.ix_(k, k)] - self.target.volumes[:, m][:, :, m]
-            cost += self.options.turn * np.abs(turned).sum(axis=(1, 2)) / (len(k) * (len(k) - 1))
-        return cost
-
-    def total(self, pairing: Pairing, misses: int) -> float:
-        """Cost of a whole pairing: the same in whatever order it was made."""
-        p = len(pairing)
-        cost = self.options.miss * misses / 2
-        if p:
-            k, m = np.array(pairing).T
-            cost += self.unary[k, m].sum()
-        if p > 1:
-            cost += self.options.length * self.compared(self.source.apart[np.ix_(k, k)], self.target.apart[np.ix_(m, m)]) / (p - 1)
-        if p > 2:
-            turned = self.source.volumes[np.ix_(k, k, k)] - self.target.volumes[np.ix_(m, m, m)]
-            cost += self.options.turn * np.abs(turned).sum() / ((p - 1) * (p - 2))
-        return float(cost)
-
-    def cheapest(self, start: Pairing, rows: list[int], columns: list[int]) -> list[tuple[float, Pairing]]:
-        """Pairings of these landmarks beside pairs already made, cheapest first: a beam search."""
-        open_columns = np.isin(np.arange(self.unary.shape[1]), columns)
-        beam: list[tuple[float, Pairing]] = [(0.0, start)]
-        for i in rows:
-            grown = [(cost + self.options.miss, pairing) for cost, pairing in beam]
-            for cost, pairing in beam:
-                added = np.where(open_columns, self.added(pairing, i), np.inf)
-                grown += [(cost + float(added[j]), (*pairing, (i, int(j)))) for j in np.flatnonzero(np.isfinite(added))]
-            beam = sorted(grown)[:BEAM]
-        tips = len(rows) + len(columns) + 2 * len(start)
-        return sorted((self.total(pairing, tips - 2 * len(pairing)), pairing) for _, pairing in beam)
-
-
-def _difference(a: np.ndarray, b: np.ndarray) -> np.ndarray:
-    """Relative difference of distances."""
-    return np.abs(a - b) / np.maximum(np.maximum(a, b), np.finfo(float).tiny)
-
-
-def _differences(near: Float[np.ndarray, "p p"], far: Float[np.ndarray, "p p"]) -> float:
-    """Sum of the relative differences of distances."""
-    return float(_difference(near, far).sum())
-
-
-def _displaced(near: Float[np.ndarray, "p p"], far: Float[np.ndarray, "p p"]) -> float:
-    """Sum of the relative differences of distances that remain when each limb may be longer by some length (least squares)."""
-    p, (i, j) = len(near), np.triu_indices(len(near), 1)
-    if p < LIMBS:
-        return _differences(near, far)
-    scale = np.maximum(np.maximum(near, far)[i, j], np.finfo(float).tiny)
-    limbs = (np.eye(p)[i] + np.eye(p)[j]) / scale[:, None]
-    gaps = (near - far)[i, j] / scale
-    return 2 * float(np.abs(gaps - limbs @ np.linalg.lstsq(limbs, gaps)[0]).sum())
-
-
-def _problem(source: _Marks, target: _Marks, options: MatchOptions) -> _Problem:
-    """Everything allowed."""
-    ratio = np.log(source.shares)[:, None] - np.log(target.shares)
-    return _Problem(source, target, options.shape * np.mean(np.abs(ratio), axis=2), options, _displaced)
-
-
-def contradicts(one: Pairing, other: Pairing) -> bool:
-    """Whether two pairings give one landmark different partners; a pairing contradicts no part of itself."""
-    forth, back = dict(one), {j: i for i, j in one}
-    return any(forth.get(i, j) != j or back.get(j, i) != i for i, j in other)
 
 
 @dataclass(frozen=True, eq=False)
@@ -441,7 +240,7 @@ class _Search:
         Cost of the cheapest pairing with the mirror image.
     """
 
-    problem: _Problem
+    problem: Problem
     surfaces: tuple[Regions, Regions]
     given: VertexPairs
     start: Pairing
@@ -455,7 +254,7 @@ class _Search:
     ) -> "_Search":
         """Find the pairings; `wishes` are the fixed and the forbidden pairs."""
         given = _given(source, target, wishes[0])
-        problem = _problem(_marks(source, given.source), _marks(target, given.target), options)
+        problem = problem_of(marks_of(source, given.source), marks_of(target, given.target), options)
         _forbid(problem, (source, target), wishes[1], given)
         start = tuple((len(source.landmarks) + k, len(target.landmarks) + k) for k in range(len(given)))
         rows, columns = problem.source.free(range(len(source)), len(given)), problem.target.free(range(len(target)), len(given))
@@ -493,7 +292,7 @@ class _Search:
 
 def _given(source: Regions, target: Regions, fixed: VertexPairs | None) -> VertexPairs:
     """The user's pairs; none of them twice."""
-    pairs = (fixed or VertexPairs(np.zeros(0, np.int64), np.zeros(0, np.int64))).checked(source.mesh, target.mesh)
+    pairs = (fixed or NO_PAIRS).checked(source.mesh, target.mesh)
     for side, vertices in (("source", pairs.source), ("target", pairs.target)):
         values, counts = np.unique(vertices, return_counts=True)
         if np.any(counts > 1):
@@ -502,7 +301,7 @@ def _given(source: Regions, target: Regions, fixed: VertexPairs | None) -> Verte
     return pairs
 
 
-def _forbid(problem: _Problem, surfaces: tuple[Regions, Regions], forbidden: VertexPairs | None, given: VertexPairs) -> None:
+def _forbid(problem: Problem, surfaces: tuple[Regions, Regions], forbidden: VertexPairs | None, given: VertexPairs) -> None:
     """Make the pairs that the user excludes infinitely dear."""
     source, target = surfaces
     fixed = set(zip(*_columns(given, source, target), strict=True))
@@ -528,10 +327,10 @@ def _too_few(count: int, source: Regions, target: Regions) -> MeshError:
     )
 
 
-def _located(problem: _Problem, best: Pairing, surfaces: tuple[Regions, Regions]) -> list[tuple[int, int]]:
+def _located(problem: Problem, best: Pairing, surfaces: tuple[Regions, Regions]) -> list[tuple[int, int]]:
     """For each pair of regions the tips and details in them that go together; the two most alike where that is not sure."""
     given = len(problem.source.fields) - len(surfaces[0].landmarks)
-    strict = replace(problem, compared=_differences)  # where on a limb is a question of lengths
+    strict = replace(problem, compared=plain_differences)  # where on a limb is a question of lengths
     eased = replace(problem.options, miss=strict.total(best, 0) / len(best) + SLACK)
     local, out = replace(strict, options=eased), list(best[:given])
     for tips in best[given:]:
@@ -555,7 +354,7 @@ def _within(regions: Regions, k: int) -> list[int]:
     return [k, *(i for i in range(len(regions), len(regions.landmarks)) if regions.nodes[regions.landmarks[i]] == k)]
 
 
-def _pairs(problem: _Problem, located: list[tuple[int, int]], surfaces: tuple[Regions, Regions], given: VertexPairs) -> VertexPairs:
+def _pairs(problem: Problem, located: list[tuple[int, int]], surfaces: tuple[Regions, Regions], given: VertexPairs) -> VertexPairs:
     """Vertices of the landmarks that go together, the user's first; then the core and where it lies by its distances from them."""
     source, target = surfaces
     i, j = np.array(located).T
@@ -571,7 +370,7 @@ def _pairs(problem: _Problem, located: list[tuple[int, int]], surfaces: tuple[Re
     )
 
 
-def _taken(problem: _Problem, start: Pairing, surfaces: tuple[Regions, Regions]) -> list[tuple[int, int]]:
+def _taken(problem: Problem, start: Pairing, surfaces: tuple[Regions, Regions]) -> list[tuple[int, int]]:
     """Regions whose tips the user's pairs stand for."""
     source, target = surfaces
     near = [(problem.source.apart[: len(source), i], problem.target.apart[: len(target), j]) for i, j in start]

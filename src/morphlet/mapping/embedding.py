@@ -220,8 +220,7 @@ def leave_one_out(source: Repaired, target: SphericalMap, pairs: VertexPairs, on
         raise InputError(f"at least {LEAST_PAIRS} pairs", f"{len(pairs)}", "add pairs that are spread out")
     prepared, energies = Target.prepare(target), []
     for left_out in range(-1, len(pairs)):
-        kept = np.arange(len(pairs)) != left_out
-        some = VertexPairs(pairs.source[kept], pairs.target[kept], np.array(pairs.weight)[kept])
+        some = pairs.chosen(np.flatnonzero(np.arange(len(pairs)) != left_out))
         energies.append(_laid(source, prepared, some, (SHORT, None), on_step).energy)
     return LeaveOneOut(energies[0], np.array(energies[1:]))
 

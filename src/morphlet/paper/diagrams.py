@@ -20,7 +20,8 @@ from morphlet.mapping.embedding import embed
 from morphlet.mapping.warp import warp_by_pairs
 from morphlet.paper.exhibit import Exhibit
 from morphlet.paper.subjects import Stock
-from morphlet.pipeline import correspond, correspond_maps, morph_along
+from morphlet.pipeline.correspond import correspond, correspond_maps
+from morphlet.pipeline.morph import morph_along
 from morphlet.report import canvas
 from morphlet.report.curves import COLORS
 from morphlet.report.page import Plate

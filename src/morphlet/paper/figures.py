@@ -21,7 +21,8 @@ from morphlet.paper.marks import Painted, arrows, dots, painted, rods, together
 from morphlet.paper.plates import PART, WIDE, Captioned, parts, plate, shot, wide_view
 from morphlet.paper.stopwatch import clocked
 from morphlet.paper.subjects import Stock, Subject, farthest
-from morphlet.pipeline import CorrespondResult, morph_along
+from morphlet.pipeline.morph import morph_along
+from morphlet.pipeline.results import CorrespondResult
 from morphlet.report.camera import Camera, view
 from morphlet.report.curves import coordinate_picture
 from morphlet.report.features import regions_picture

@@ -22,7 +22,8 @@ from morphlet.features.regions import Regions, find_regions
 from morphlet.io.formats import read
 from morphlet.numerics.optimize import OnStep
 from morphlet.numerics.rotations import exponential
-from morphlet.pipeline import CorrespondResult, correspond_maps
+from morphlet.pipeline.correspond import correspond_maps
+from morphlet.pipeline.results import CorrespondResult
 from morphlet.samples.catalogue import fetch
 from morphlet.samples.creatures import DEFAULT_VERTICES, FEWEST, MOST, sample
 from morphlet.sphere.image import SphericalImage, spherical_image

@@ -9,7 +9,8 @@ from jaxtyping import Float
 
 from morphlet.io.sequences import write_animation, write_sequence
 from morphlet.motion.morph import Morph
-from morphlet.pipeline import CorrespondResult, MorphResult
+from morphlet.pipeline.morph import MorphResult
+from morphlet.pipeline.results import CorrespondResult
 from morphlet.report.color import place_colors
 from morphlet.report.page import Plate, Section, write_page
 from morphlet.report.render import Picture

@@ -15,7 +15,9 @@ from morphlet.features.matching import candidates
 from morphlet.features.regions import Regions, find_regions
 from morphlet.motion.morph import Morph, MorphPath
 from morphlet.motion.schedule import Schedule
-from morphlet.pipeline import CorrespondResult, correspond_maps, morph_along
+from morphlet.pipeline.correspond import correspond_maps
+from morphlet.pipeline.morph import morph_along
+from morphlet.pipeline.results import CorrespondResult
 from morphlet.sphere.map import SphericalMap, map_surface
 from morphlet.studio.desk import Desk, mesh_frame
 from morphlet.studio.document import Marker

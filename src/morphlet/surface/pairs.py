@@ -54,6 +54,15 @@ class VertexPairs:
     def __len__(self) -> int:
         return len(self.source)
 
+    def chosen(self, kept: Int[np.ndarray, "k"]) -> "VertexPairs":
+        """Some of them."""
+        return VertexPairs(self.source[kept], self.target[kept], np.array(self.weight)[kept], tuple(self.labels[k] for k in kept))
+
+    def distinct(self) -> "VertexPairs":
+        """These pairs without repeats: the first of each stays."""
+        columns = np.stack([self.source, self.target], axis=1)
+        return self.chosen(np.sort(np.unique(columns, axis=0, return_index=True)[1]))
+
     def checked(self, source: Mesh, target: Mesh) -> "VertexPairs":
         """These pairs, once it is certain that both meshes have their vertices.
 
@@ -151,3 +160,6 @@ def _told(weight: Float[np.ndarray, "p"] | None, labels: tuple[str, ...], p: int
     if len(names) != p:
         raise InputError(f"{p} labels", str(len(names)), "give one label per pair, or none")
     return checked, names
+
+
+NO_PAIRS = VertexPairs(np.zeros(0, np.int64), np.zeros(0, np.int64))

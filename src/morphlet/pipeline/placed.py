@@ -13,10 +13,11 @@ from morphlet.errors import SolveError
 from morphlet.mapping.correspondence import Correspondence
 from morphlet.mapping.marking import marked
 from morphlet.numerics.optimize import OnStep
-from morphlet.pipeline import NO_PAIRS, CorrespondResult, Figures, correspond_maps
+from morphlet.pipeline.correspond import correspond_maps
+from morphlet.pipeline.results import CorrespondResult, Figures
 from morphlet.sphere.map import SphericalMap, spherical_map
 from morphlet.surface.mesh import Mesh
-from morphlet.surface.pairs import PointPairs, VertexPairs
+from morphlet.surface.pairs import NO_PAIRS, PointPairs, VertexPairs
 
 
 @dataclass(frozen=True, eq=False)
@@ -89,7 +90,7 @@ def correspond_places(source: Mesh, target: Mesh, pairs: PointPairs, on_step: On
     --------
     >>> from morphlet import Mesh, SurfacePoints
     >>> from morphlet.numerics.unit_sphere import icosphere
-    >>> from morphlet.placed import correspond_places
+    >>> from morphlet.pipeline.placed import correspond_places
     >>> from morphlet.surface.pairs import PointPairs
     >>> points, faces = icosphere(2)
     >>> ball, egg = Mesh(points, faces), Mesh(points * [1, 1, 1.5], faces)
@@ -118,7 +119,7 @@ def correspond_places_maps(
     --------
     >>> from morphlet import Mesh, SurfacePoints, spherical_map
     >>> from morphlet.numerics.unit_sphere import icosphere
-    >>> from morphlet.placed import correspond_places_maps
+    >>> from morphlet.pipeline.placed import correspond_places_maps
     >>> from morphlet.surface.pairs import PointPairs
     >>> ball = spherical_map(Mesh(*icosphere(1)))
     >>> corners = SurfacePoints([0, 30, 60], [[1, 0, 0]] * 3)

@@ -12,7 +12,9 @@ from morphlet import Mesh, VertexPairs
 from morphlet.errors import Cancelled, InputError
 from morphlet.motion.morph import PATHS
 from morphlet.motion.schedule import Schedule
-from morphlet.pipeline import CLEAR, correspond, correspond_maps, morph, morph_along
+from morphlet.pipeline.candidates import CLEAR
+from morphlet.pipeline.correspond import correspond, correspond_maps
+from morphlet.pipeline.morph import morph, morph_along
 from morphlet.samples.anatomy import SPECIES
 from morphlet.samples.creatures import Creature
 from morphlet.samples.poses import POSES

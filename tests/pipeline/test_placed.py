@@ -7,9 +7,9 @@ import pytest
 
 from mapping.stars import blob, radial_map, relabelled
 from morphlet import InputError, SolveError, SurfacePoints, VertexPairs
-from morphlet import placed as module
-from morphlet.pipeline import correspond_maps
-from morphlet.placed import PlacedResult, correspond_places, correspond_places_maps
+from morphlet.pipeline import placed as module
+from morphlet.pipeline.correspond import correspond_maps
+from morphlet.pipeline.placed import PlacedResult, correspond_places, correspond_places_maps
 from morphlet.samples.truth import at_vertices
 from morphlet.sphere.quality import Certificate
 from morphlet.surface.pairs import PointPairs

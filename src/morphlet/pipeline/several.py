@@ -10,7 +10,8 @@ from dataclasses import dataclass
 from morphlet.errors import InputError
 from morphlet.mapping.correspondence import Correspondence, compose
 from morphlet.numerics.optimize import OnStep
-from morphlet.pipeline import CorrespondResult, correspond_maps
+from morphlet.pipeline.correspond import correspond_maps
+from morphlet.pipeline.results import CorrespondResult
 from morphlet.sphere.map import SphericalMap, spherical_map
 from morphlet.surface.mesh import Mesh
 from morphlet.surface.pairs import VertexPairs
@@ -102,7 +103,7 @@ def correspond_all(
     --------
     >>> from morphlet import Mesh, VertexPairs
     >>> from morphlet.numerics.unit_sphere import icosphere
-    >>> from morphlet.several import correspond_all
+    >>> from morphlet.pipeline.several import correspond_all
     >>> points, faces = icosphere(1)
     >>> three = [Mesh(points * size, faces) for size in ([1, 1, 1.0], [1, 1.2, 1.6], [1.3, 1, 1])]
     >>> common = correspond_all(three, 2 * [VertexPairs([0, 1, 2], [0, 1, 2])])

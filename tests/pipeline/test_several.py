@@ -5,10 +5,10 @@ import pytest
 
 from mapping.stars import blob, relabelled
 from morphlet import InputError, VertexPairs
-from morphlet.pipeline import correspond
+from morphlet.pipeline.correspond import correspond
+from morphlet.pipeline.several import CommonSphere, correspond_all
 from morphlet.samples.creatures import Creature
 from morphlet.samples.poses import POSES
-from morphlet.several import CommonSphere, correspond_all
 from support import assert_one_to_one
 
 SIX = ("nose", "tail tip", "left front foot", "right front foot", "left hind foot", "right hind foot")
