@@ -32,11 +32,12 @@ from morphlet.editing.editor import RoiEditor
 from morphlet.editing.estimated import EstimatedRotations
 from morphlet.editing.falloff import Direct
 from morphlet.editing.guard import Guarded
+from morphlet.editing.lattice import Lattice
 from morphlet.editing.linear import DualLaplacian, Laplacian, SimilarityLaplacian
 from morphlet.editing.method import Method, Pull
+from morphlet.editing.moving_least_squares import MovingLeastSquares
 from morphlet.editing.roi import Roi
 from morphlet.editing.shell import Shell
-from morphlet.editing.space import Lattice, MovingLeastSquares
 
 HERE = Path(__file__).parent
 EIGEN = Path(os.environ.get("EIGEN3_INCLUDE", "/usr/include/eigen3"))

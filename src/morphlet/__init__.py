@@ -37,17 +37,17 @@ if TYPE_CHECKING:
     from morphlet.editing.estimated import EstimatedRotations as EstimatedRotations
     from morphlet.editing.falloff import Direct as Direct
     from morphlet.editing.guard import Guarded as Guarded
+    from morphlet.editing.lattice import Lattice as Lattice
     from morphlet.editing.linear import DualLaplacian as DualLaplacian
     from morphlet.editing.linear import Laplacian as Laplacian
     from morphlet.editing.linear import SimilarityLaplacian as SimilarityLaplacian
     from morphlet.editing.method import Pull as Pull
+    from morphlet.editing.moving_least_squares import MovingLeastSquares as MovingLeastSquares
     from morphlet.editing.roi import Roi as Roi
     from morphlet.editing.roi import vertex_path as vertex_path
     from morphlet.editing.roi import vertices_within as vertices_within
     from morphlet.editing.script import read_edit as read_edit
     from morphlet.editing.shell import Shell as Shell
-    from morphlet.editing.space import Lattice as Lattice
-    from morphlet.editing.space import MovingLeastSquares as MovingLeastSquares
     from morphlet.errors import Cancelled as Cancelled
     from morphlet.errors import FileError as FileError
     from morphlet.errors import InputError as InputError
@@ -186,12 +186,13 @@ _HOMES = {
     "morphlet.editing.estimated": "EstimatedRotations",
     "morphlet.editing.falloff": "Direct",
     "morphlet.editing.guard": "Guarded",
+    "morphlet.editing.lattice": "Lattice",
     "morphlet.editing.linear": "DualLaplacian Laplacian SimilarityLaplacian",
     "morphlet.editing.method": "Pull",
+    "morphlet.editing.moving_least_squares": "MovingLeastSquares",
     "morphlet.editing.roi": "Roi vertex_path vertices_within",
     "morphlet.editing.script": "read_edit",
     "morphlet.editing.shell": "Shell",
-    "morphlet.editing.space": "Lattice MovingLeastSquares",
     "morphlet.errors": "Cancelled FileError InputError MeshError MissingExtra MorphletError SolveError",
     "morphlet.features.matching": "Matching match",
     "morphlet.features.pairing": "MatchOptions",

@@ -23,10 +23,11 @@ from morphlet.codec.results import CodecOptions
 from morphlet.codec.sequence import encode
 from morphlet.editing.arap import Arap
 from morphlet.editing.editor import RoiEditor
+from morphlet.editing.lattice import Lattice
 from morphlet.editing.linear import Laplacian
+from morphlet.editing.moving_least_squares import MovingLeastSquares
 from morphlet.editing.roi import Roi
 from morphlet.editing.shell import Shell
-from morphlet.editing.space import Lattice, MovingLeastSquares
 from morphlet.mapping.chord import Images
 from morphlet.mapping.laying import Target
 from morphlet.mapping.polish import Goals, Polish

@@ -11,11 +11,12 @@ from morphlet.editing.detail import Multiresolution
 from morphlet.editing.estimated import EstimatedRotations
 from morphlet.editing.falloff import Direct
 from morphlet.editing.guard import Guarded
+from morphlet.editing.lattice import Lattice
 from morphlet.editing.linear import DualLaplacian, Laplacian, SimilarityLaplacian
+from morphlet.editing.moving_least_squares import MovingLeastSquares
 from morphlet.editing.roi import Roi
 from morphlet.editing.script import EVERY, KEYS, METHODS, EditSpec, read_edit, read_spec
 from morphlet.editing.shell import Shell
-from morphlet.editing.space import Lattice, MovingLeastSquares
 from support import icosphere
 
 BALL = icosphere(3)

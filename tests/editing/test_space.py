@@ -7,9 +7,10 @@ from hypothesis import strategies as st
 from scipy.interpolate import BSpline
 
 from morphlet import InputError, Mesh
+from morphlet.editing.lattice import BENDING, Lattice
 from morphlet.editing.method import Method, Pull
+from morphlet.editing.moving_least_squares import MovingLeastSquares
 from morphlet.editing.roi import Roi
-from morphlet.editing.space import BENDING, Lattice, MovingLeastSquares
 from support import icosphere, noisy, random_rotation
 
 BOX = np.array([[-1.0, -1.0, -1.0], [1.0, 1.0, 1.0]])

@@ -52,11 +52,12 @@ from morphlet.editing.detail import Multiresolution
 from morphlet.editing.estimated import EstimatedRotations, handle_turns
 from morphlet.editing.falloff import Direct
 from morphlet.editing.guard import Guarded
+from morphlet.editing.lattice import Lattice
 from morphlet.editing.linear import DualLaplacian, Laplacian, SimilarityLaplacian
 from morphlet.editing.method import Method, Pull
+from morphlet.editing.moving_least_squares import MovingLeastSquares
 from morphlet.editing.roi import Roi, vertices_within
 from morphlet.editing.shell import Shell
-from morphlet.editing.space import Lattice, MovingLeastSquares
 from morphlet.errors import InputError
 from morphlet.numerics.rotations import exponential
 from morphlet.surface.mesh import Mesh

@@ -13,7 +13,7 @@ from scipy.spatial.transform import Rotation
 from morphlet import metrics
 from morphlet.approximation.rows import approximate_rows
 from morphlet.editing.falloff import rate, ratios, transition
-from morphlet.editing.space import MovingLeastSquares
+from morphlet.editing.moving_least_squares import MovingLeastSquares
 from morphlet.mapping.alignment import align_by_pairs
 from morphlet.numerics.unit_sphere import fibonacci
 from morphlet.paper.exhibit import Exhibit, table_of

@@ -11,9 +11,9 @@ from morphlet.editing.arap import Arap
 from morphlet.editing.editor import edit
 from morphlet.editing.estimated import EstimatedRotations
 from morphlet.editing.falloff import ratios
+from morphlet.editing.lattice import Lattice
 from morphlet.editing.method import Method
 from morphlet.editing.roi import Roi, vertex_path
-from morphlet.editing.space import Lattice
 from morphlet.mapping.correspondence import Correspondence
 from morphlet.motion.morph import MorphPath
 from morphlet.paper.exhibit import Exhibit, table_of

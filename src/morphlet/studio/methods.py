@@ -10,9 +10,10 @@ from typing import Any, TypeGuard, get_args
 from morphlet.editing.arap import Arap, PreparedArap
 from morphlet.editing.detail import Multiresolution
 from morphlet.editing.falloff import Falloff
+from morphlet.editing.lattice import Basis, Lattice
 from morphlet.editing.method import Method, Prepared
+from morphlet.editing.moving_least_squares import Kind, MovingLeastSquares
 from morphlet.editing.script import DETAIL, GUARD, METHODS, SOFT
-from morphlet.editing.space import Basis, Kind, Lattice, MovingLeastSquares
 from morphlet.studio.messages import Checked, Field, Refusal, choice, fields, flag, number, shown, whole, wrong
 
 Told = Mapping[str, Any]
