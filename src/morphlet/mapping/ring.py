@@ -12,11 +12,8 @@ from jaxtyping import Int
 from morphlet.mapping.metric import Ground, form, metric_under, product
 from morphlet.numerics.compiled import inner_kernel, kernel
 from morphlet.sphere.energy import distance2, tangents, triangle_reference
-from morphlet.sphere.relax import ARMIJO, INSERTION_STEPS, LONGEST_MOVE, ONE_STEP, kernel_point, ring_buffer, set_sector
+from morphlet.sphere.relax import ARMIJO, CUTS, INSERTION_STEPS, ONE_STEP, downhill, kernel_point, longest_inside, ring_buffer, set_sector
 from morphlet.surface.hierarchy import following, preceding
-
-CUTS = 12
-"""Times a step is cut to 0.4 before it is given up (as in `sphere.relax`)."""
 
 
 @inner_kernel
@@ -54,16 +51,7 @@ def _newton(x, y, z, m, R, M):  # step in the tangent plane (3 numbers) and its 
         h11 += 2 * cn * (kb + kc) * m11 + 2 * cnd * n1 * d1 + cdd * d1 * d1
         h22 += 2 * cn * (kb + kc) * m22 + 2 * cnd * n2 * d2 + cdd * d2 * d2
         h12 += 2 * cn * (kb + kc) * m12 + cnd * (n1 * d2 + n2 * d1) + cdd * d1 * d2
-    h11 -= bend
-    h22 -= bend
-    mean, spread = 0.5 * (h11 + h22), np.sqrt(0.25 * (h11 - h22) ** 2 + h12 * h12)
-    low, high = mean - spread, mean + spread
-    high = high if high > 0 else 1.0
-    shift = max(1e-3 * high - low, -2 * low if low < 0 else 0.0) if low < 1e-3 * high else 0.0
-    h11 += shift
-    h22 += shift
-    det = h11 * h22 - h12 * h12
-    s1, s2 = -(h22 * g1 - h12 * g2) / det, -(h11 * g2 - h12 * g1) / det
+    s1, s2 = downhill(g1, g2, h11 - bend, h12, h22 - bend)
     return s1 * ax + s2 * bx, s1 * ay + s2 * by, s1 * az + s2 * bz, g1 * s1 + g2 * s2
 
 
@@ -75,11 +63,7 @@ def _relax(at, m, R, M, steps):  # damped Newton from a point whose ring energy 
         dx, dy, dz, slope = _newton(x, y, z, m, R, M)
         if not (slope < 0) or -slope < 1e-12 * E:
             break
-        alpha = min(1.0, LONGEST_MOVE / np.sqrt(dx * dx + dy * dy + dz * dz))
-        for j in range(m):  # D is linear along the step: stay strictly inside
-            rate = dx * R[j, 6] + dy * R[j, 7] + dz * R[j, 8]
-            if rate < 0:
-                alpha = min(alpha, -0.9 * (x * R[j, 6] + y * R[j, 7] + z * R[j, 8]) / rate)
+        alpha = longest_inside(x, y, z, dx, dy, dz, m, R)
         accepted = False
         for _ in range(CUTS):
             px, py, pz = x + alpha * dx, y + alpha * dy, z + alpha * dz

@@ -9,7 +9,7 @@ from itertools import pairwise
 import numpy as np
 from jaxtyping import Int
 
-from morphlet.numerics.compiled import inner_kernel, kernel
+from morphlet.numerics.compiled import inlined_kernel, inner_kernel, kernel
 from morphlet.numerics.threads import each
 from morphlet.sphere.energy import distance2, tangents, triangle_reference
 from morphlet.surface.hierarchy import following, preceding
@@ -22,6 +22,8 @@ LUNE = np.int64(4)
 """Corners of the polygon that a lune is kept as."""
 LONGEST_MOVE = 0.5
 """Radians a vertex may move in one step."""
+CUTS = 12
+"""Times a step is cut to 0.4 before it is given up."""
 SLICES = 8
 """Pieces a colour class is cut into for the threads."""
 SMALL_CLASS = 512
@@ -55,6 +57,29 @@ def ring_energy(x, y, z, m, R):  # inf if some D <= 0
     return E
 
 
+@inlined_kernel
+def downhill(g1, g2, h11, h12, h22):  # Newton step in two unknowns, its matrix shifted until it is positive definite
+    mean, spread = 0.5 * (h11 + h22), np.sqrt(0.25 * (h11 - h22) ** 2 + h12 * h12)
+    low, high = mean - spread, mean + spread
+    high = high if high > 0 else 1.0
+    shift = max(1e-3 * high - low, -2 * low if low < 0 else 0.0) if low < 1e-3 * high else 0.0
+    h11 += shift
+    h22 += shift
+    det = h11 * h22 - h12 * h12
+    s1, s2 = -(h22 * g1 - h12 * g2) / det, -(h11 * g2 - h12 * g1) / det
+    return s1, s2
+
+
+@inlined_kernel
+def longest_inside(x, y, z, dx, dy, dz, m, R):  # how much of a step stays strictly inside the ring, where every D > 0
+    alpha = min(1.0, LONGEST_MOVE / np.sqrt(dx * dx + dy * dy + dz * dz))
+    for j in range(m):  # D is linear along the step
+        rate = dx * R[j, 6] + dy * R[j, 7] + dz * R[j, 8]
+        if rate < 0:
+            alpha = min(alpha, -0.9 * (x * R[j, 6] + y * R[j, 7] + z * R[j, 8]) / rate)
+    return alpha
+
+
 @inner_kernel
 def _ring_newton(x, y, z, m, R):  # step in the tangent plane (3 numbers) and its slope g . s
     ax, ay, az, bx, by, bz = tangents(x, y, z)
@@ -74,16 +99,7 @@ def _ring_newton(x, y, z, m, R):  # step in the tangent plane (3 numbers) and it
         h11 += 2 * cn * (kb + kc) + 2 * cnd * n1 * d1 + cdd * d1 * d1
         h22 += 2 * cn * (kb + kc) + 2 * cnd * n2 * d2 + cdd * d2 * d2
         h12 += cnd * (n1 * d2 + n2 * d1) + cdd * d1 * d2
-    h11 -= bend
-    h22 -= bend
-    mean, spread = 0.5 * (h11 + h22), np.sqrt(0.25 * (h11 - h22) ** 2 + h12 * h12)
-    low, high = mean - spread, mean + spread
-    high = high if high > 0 else 1.0
-    shift = max(1e-3 * high - low, -2 * low if low < 0 else 0.0) if low < 1e-3 * high else 0.0
-    h11 += shift
-    h22 += shift
-    det = h11 * h22 - h12 * h12
-    s1, s2 = -(h22 * g1 - h12 * g2) / det, -(h11 * g2 - h12 * g1) / det
+    s1, s2 = downhill(g1, g2, h11 - bend, h12, h22 - bend)
     return s1 * ax + s2 * bx, s1 * ay + s2 * by, s1 * az + s2 * bz, g1 * s1 + g2 * s2
 
 
@@ -94,13 +110,9 @@ def relax_vertex(x, y, z, m, R, steps):  # damped Newton from (x, y, z), whose r
         dx, dy, dz, slope = _ring_newton(x, y, z, m, R)
         if not (slope < 0) or -slope < 1e-12 * E:
             break
-        alpha = min(1.0, LONGEST_MOVE / np.sqrt(dx * dx + dy * dy + dz * dz))
-        for j in range(m):  # D is linear along the step: stay strictly inside
-            rate = dx * R[j, 6] + dy * R[j, 7] + dz * R[j, 8]
-            if rate < 0:
-                alpha = min(alpha, -0.9 * (x * R[j, 6] + y * R[j, 7] + z * R[j, 8]) / rate)
+        alpha = longest_inside(x, y, z, dx, dy, dz, m, R)
         accepted = False
-        for _ in range(12):
+        for _ in range(CUTS):
             px, py, pz = x + alpha * dx, y + alpha * dy, z + alpha * dz
             s = 1 / np.sqrt(px * px + py * py + pz * pz)
             trial = ring_energy(px * s, py * s, pz * s, m, R)
