@@ -79,6 +79,9 @@ EXCUSED = {
     "studio_viser": "is run by studio_page, in the peers' interpreter",
 }
 """Scripts that measure nothing by themselves, and why they are here."""
+HEAD = (
+    "# The benchmark book\n\nWhat `make bench` found: every script of `benchmarks/`, one after the other, each in a process of its own.\n\n"
+)
 SAME = ("cpu", "cores", "python")
 """What two machines have in common whose figures stand in one book."""
 
@@ -151,7 +154,7 @@ class Book:
         busy = f"{self.load_at_start:.1f} at the start, {load():.1f} at the end"
         lines = [*self.machine.lines(), ["load", busy], ["meshes", meshes]]
         runs = [[one.name, f"{one.wall_s:.0f}", f"{one.cpu_s:.0f}", f"{one.load:.1f}", one.version, _outcome(one)] for one in self.chapters]
-        head = "# Benchmarks\n\n" + ("A quick run: no figure of it is to be quoted.\n\n" if self.quick else "")
+        head = HEAD + ("A quick run: no figure of it is to be quoted.\n\n" if self.quick else "") + "## The run\n\n"
         tables = (
             Table("Machine", ["", ""], lines),
             Table("Scripts", ["script", "wall s", "CPU s", "load before", "sources", "outcome"], runs),

@@ -32,9 +32,10 @@ BASIS, ZOOMED, STEP = 30, 150, 5
 """Functional maps: eigenfunctions of the fit, after ZoomOut, and added per step, as in the examples of pyfmaps."""
 DESCRIPTORS, EVERY, EVERY_WITH_LANDMARKS = 100, 5, 10
 """Wave kernel signatures, and of how many one is used."""
+LARGEST_TABLE = 4e8
+"""Pairs of vertices of two meshes up to which pyfmaps keeps a table of them: 31 bytes each, 12 GB. Beyond, it goes without, as offered."""
 ICP_STEPS = 30
 """Rounds of nearest places and rotation."""
-
 
 WAVELETS = (0, 5, 15, 50, 150)
 """Numbers of wavelets of the network that warps the sphere."""
@@ -252,7 +253,8 @@ def _functional(pair: KnownPair, landmarks: VertexPairs, stock: Stock, orientati
         model.preprocess(n_descr=DESCRIPTORS, descr_type="WKS", k_process=ZOOMED, subsample_step=every, landmarks=given)
         model.fit(K=(BASIS, BASIS), w_descr=1e-1, w_lap=1e-3, w_dcomm=1, w_orient=orientation)
         zoomed = model.zoomout_refine(nit=(ZOOMED - BASIS) // STEP, step=STEP)
-        return Answer(_places(model.get_precise_map(FM=zoomed), pair.target))
+        fits = pair.source.n_vertices * pair.target.n_vertices <= LARGEST_TABLE
+        return Answer(_places(model.get_precise_map(FM=zoomed, precompute_dmin=fits), pair.target))
 
 
 def _spectrum(mesh: Mesh) -> Any:

@@ -233,7 +233,8 @@ def test_the_whole_book(bench, script, tmp_path, monkeypatch):
     assert {"cpu", "cores", "load_at_start", "load_at_end", "peers"} <= set(record["machine"])
     assert (record["quick"], record["public_meshes"]) == (True, False)
     text = (tmp_path / "out" / "bench.md").read_text()
-    assert text.startswith("# Benchmarks\n\nA quick run")
+    assert text.startswith("# The benchmark book\n\n")
+    assert "\n\nA quick run" in text
     assert "| ours | 3.00 |" in text
     assert "| fast |" in text
     assert "done; absent: rival" in text
