@@ -1,7 +1,9 @@
 """What several tests share: where public meshes are, small generated meshes, and exact signs that owe nothing to the package."""
 
+import json
 import os
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -15,6 +17,11 @@ SIDE_SLACK = 1e-9
 """Far above the rounding of a determinant of unit vectors: what is left out surely does not hold the direction."""
 GENERIC = (0.5257311121191336, 0.3090169943749474, 0.7926544117465372)
 """A direction that no test puts a vertex or an edge on."""
+DIRECTIONS = np.array([[0, 0, 1], [0.9, 0, 0.436], [-0.6, 0.8, 0], [0, -1, 0], [0.5, 0.5, -0.707], [-0.8, -0.3, -0.52]])
+HEIGHTS = (1.0, 1.2, 1.5, 1.9, 1.1, 1.7)
+"""Of the bumps of a ball without symmetry."""
+GLTF_POSITIONS = np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0]], "<f4").tobytes()
+"""Of one triangle."""
 
 
 def data_file(name: str) -> Path:
@@ -137,6 +144,36 @@ def assert_one_to_one(points: np.ndarray, faces: np.ndarray) -> None:
     """No face is inverted or flat, and the sphere is covered once, by tests that share no code with the package."""
     assert (exact_signs(points, faces) > 0).all()
     assert exact_degree(points, faces) == 1
+
+
+def bumpy(directions: Any = DIRECTIONS, heights: Any = HEIGHTS, level: int = 4) -> Mesh:
+    """A ball with round bumps in some directions; as it is, without symmetry."""
+    ball = icosphere(level)
+    lift = np.exp(12 * (ball.vertices @ np.transpose(directions) - 1)) @ np.asarray(heights, float)
+    return ball.with_vertices(ball.vertices * (1 + lift[:, None]))
+
+
+def relabelled(mesh: Mesh, seed: int = 0) -> tuple[Mesh, np.ndarray]:
+    """The same surface with vertices and faces in another order, and where each old vertex went."""
+    rng = np.random.default_rng(seed)
+    order = rng.permutation(mesh.n_vertices)
+    place = np.argsort(order)
+    faces = place[mesh.faces][rng.permutation(mesh.n_faces)]
+    return Mesh(mesh.vertices[order], np.roll(faces, 1, axis=1)), place
+
+
+def gltf_triangle(uri: str, **changes: Any) -> str:
+    """A glTF scene of one triangle whose positions, `GLTF_POSITIONS`, are at a URI; `changes` replace parts of it."""
+    tree = {
+        "asset": {"version": "2.0"},
+        "scenes": [{"nodes": [0]}],
+        "nodes": [{"mesh": 0}],
+        "meshes": [{"primitives": [{"attributes": {"POSITION": 0}}]}],
+        "accessors": [{"bufferView": 0, "componentType": 5126, "count": 3, "type": "VEC3"}],
+        "bufferViews": [{"buffer": 0, "byteLength": 36}],
+        "buffers": [{"byteLength": 36, "uri": uri}],
+    }
+    return json.dumps(tree | changes)
 
 
 def _whole(rows: np.ndarray) -> np.ndarray:

@@ -7,11 +7,11 @@ import pytest
 
 from cli.calls import call
 from cli.test_verbs import told
-from mapping.stars import blob, relabelled
+from mapping.stars import blob
 from morphlet import Correspondence, Mesh, Picture, SurfacePoints, read, write
 from morphlet.io.formats import read_attributes
 from morphlet.surface.nearest import nearest
-from support import data_file, icosphere
+from support import data_file, icosphere, relabelled
 
 BALL = blob(1)
 OTHER, PLACE = relabelled(BALL)

@@ -11,11 +11,10 @@ import numpy as np
 import pytest
 
 from cli.calls import call
-from features.test_matching import bumpy
 from morphlet import Mesh, read, sample, write
 from morphlet.cli import main
 from morphlet.numerics import threads
-from support import blob
+from support import blob, bumpy
 
 EDIT = """
 method = "{method}"

@@ -4,8 +4,9 @@ import numpy as np
 import pytest
 
 from cli.calls import call
-from mapping.stars import blob, relabelled
+from mapping.stars import blob
 from morphlet import Mesh, SurfacePoints, VertexPairs, read, write, write_pairs
+from support import relabelled
 
 STRAY = 5
 """Vertices in no face, put first so that they shift every index."""

@@ -8,14 +8,13 @@ import pytest
 from cli.calls import call
 from cli.test_indices import STRAY, messy
 from cli.test_verbs import told
-from features.test_matching import bumpy, mirrored
-from mapping.stars import relabelled
+from features.test_matching import mirrored
 from morphlet import Picture, VertexPairs, correspond, read, read_pairs, write, write_pairs
 from morphlet.features.matching import match
 from morphlet.features.regions import find_regions
 from morphlet.samples.anatomy import SPECIES
 from morphlet.samples.creatures import Creature
-from support import data_file, icosphere, torus
+from support import bumpy, data_file, icosphere, relabelled, torus
 
 KEYS = ["pairs", "cost", "margin", "ambiguous", "runner_up", "reflected", "tips", "regions", "warnings", "repairs"]
 STAR = bumpy(level=3)

@@ -8,11 +8,10 @@ import pytest
 from cli.calls import call
 from cli.test_indices import STRAY, messy
 from cli.test_verbs import told
-from features.test_matching import bumpy
 from morphlet import Correspondence, Mesh, Picture, write
 from morphlet.features.regions import find_regions
 from morphlet.surface.nearest import nearest
-from support import data_file, icosphere, torus
+from support import bumpy, data_file, icosphere, torus
 
 KEYS = ["regions", "core", "gap", "core_node", "edges", "details", "persistence", "repairs"]
 STAR = bumpy(level=3)

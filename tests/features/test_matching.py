@@ -17,27 +17,11 @@ from morphlet.samples.anatomy import SPECIES
 from morphlet.samples.creatures import Creature
 from morphlet.samples.poses import POSES
 from morphlet.surface.distance import distances
-from support import blob, data_file, data_mesh, icosphere, random_rotation
+from support import DIRECTIONS, HEIGHTS, blob, bumpy, data_file, data_mesh, icosphere, random_rotation, relabelled
 
-DIRECTIONS = np.array([[0, 0, 1], [0.9, 0, 0.436], [-0.6, 0.8, 0], [0, -1, 0], [0.5, 0.5, -0.707], [-0.8, -0.3, -0.52]])
-HEIGHTS = (1.0, 1.2, 1.5, 1.9, 1.1, 1.7)
 NONE = np.zeros(0, np.int64)
 LIMB = 0.3
 """A tip this close to the true place, over sqrt(area), is on the right limb: other limbs are 0.5 and more away."""
-
-
-def bumpy(directions=DIRECTIONS, heights=HEIGHTS, level=4):
-    """A ball with bumps and no symmetry."""
-    ball = icosphere(level)
-    lift = np.exp(12 * (ball.vertices @ np.transpose(directions) - 1)) @ np.asarray(heights, float)
-    return ball.with_vertices(ball.vertices * (1 + lift[:, None]))
-
-
-def relabelled(mesh, seed=0):
-    """The same mesh with its vertices in another order, and where each vertex went."""
-    order = np.random.default_rng(seed).permutation(mesh.n_vertices)
-    place = np.argsort(order)
-    return Mesh(mesh.vertices[order], place[mesh.faces]), place
 
 
 def mirrored(mesh):
@@ -353,7 +337,7 @@ def test_among_the_candidates_of_two_animals_is_the_right_one():
 
 
 def test_contradictions_are_counted_in_pairs():
-    one, two = match(star(), star()), match(star(), find_regions(bumpy(DIRECTIONS, HEIGHTS)))
+    one, two = match(star(), star()), match(star(), find_regions(bumpy()))
     swapped = replace(one, regions=one.regions[[1, 0, 2, 3, 4, 5]])
     assert one.contradictions(swapped) == 0  # the order is of no account
     crossed = replace(one, regions=np.column_stack([one.regions[:, 0], one.regions[[1, 0, 2, 3, 4, 5], 1]]))

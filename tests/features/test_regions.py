@@ -12,23 +12,9 @@ from morphlet import InputError, Mesh, MeshError
 from morphlet.features.regions import RegionOptions, count_tips, find_peaks, find_regions
 from morphlet.numerics.unit_sphere import fibonacci
 from morphlet.surface.mesh import Topology
-from support import beside, data_mesh, icosphere, random_rotation
+from support import beside, bumpy, data_mesh, icosphere, random_rotation, relabelled
 
 STRIP = Topology([[0, 1, 2], [1, 3, 2], [2, 3, 4], [3, 5, 4], [4, 5, 6]], 7)
-
-
-def bumpy(directions, heights, level=4):
-    """A ball with round bumps in some directions."""
-    ball = icosphere(level)
-    lift = np.exp(12 * (ball.vertices @ np.transpose(directions) - 1)) @ np.asarray(heights, float)
-    return ball.with_vertices(ball.vertices * (1 + lift[:, None]))
-
-
-def relabelled(mesh, seed=0):
-    """The same mesh with its vertices and faces in another order, and where each vertex went."""
-    order = np.random.default_rng(seed).permutation(mesh.n_vertices)
-    place = np.argsort(order)
-    return Mesh(mesh.vertices[order], place[mesh.faces][::-1]), place
 
 
 @pytest.mark.parametrize("count", [3, 4, 6, 8])

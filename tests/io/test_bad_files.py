@@ -1,7 +1,6 @@
 """Broken files: a `FileError` with what was needed and found, never another error, never a hang."""
 
 import base64
-import json
 
 import numpy as np
 import pytest
@@ -12,6 +11,7 @@ from morphlet import FileError, InputError, Mesh
 from morphlet.io.content import File
 from morphlet.io.formats import FORMATS, read, read_attributes, rewrite, write
 from morphlet.io.ply import rewriter as ply_rewriter
+from support import GLTF_POSITIONS, gltf_triangle
 
 TETRAHEDRON = Mesh([[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1 / 3]], [[0, 2, 1], [0, 1, 3], [1, 2, 3], [0, 3, 2]])
 TRIANGLE = "v 0 0 0\nv 1 0 0\nv 0 1 0\n"
@@ -162,18 +162,8 @@ def test_stl(tmp_path, content, match):
 
 
 def gltf(**changes):
-    data = np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0]], "<f4").tobytes()
-    uri = "data:application/octet-stream;base64," + base64.b64encode(data).decode()
-    tree = {
-        "asset": {"version": "2.0"},
-        "scenes": [{"nodes": [0]}],
-        "nodes": [{"mesh": 0}],
-        "meshes": [{"primitives": [{"attributes": {"POSITION": 0}}]}],
-        "accessors": [{"bufferView": 0, "componentType": 5126, "count": 3, "type": "VEC3"}],
-        "bufferViews": [{"buffer": 0, "byteLength": 36}],
-        "buffers": [{"byteLength": 36, "uri": uri}],
-    }
-    return json.dumps(tree | changes)
+    uri = "data:application/octet-stream;base64," + base64.b64encode(GLTF_POSITIONS).decode()
+    return gltf_triangle(uri, **changes)
 
 
 def test_gltf_by_hand_reads(tmp_path):

@@ -10,12 +10,11 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from mapping.stars import relabelled
 from morphlet import CorrespondResult, Mesh, SurfacePoints, VertexPairs, correspond, correspond_maps, spherical_map
 from morphlet.samples.creatures import Creature
 from morphlet.samples.deviation import Deviation
 from morphlet.samples.truth import KnownPair, known_pair
-from support import assert_one_to_one, blob, data_mesh, random_rotation
+from support import assert_one_to_one, blob, data_mesh, random_rotation, relabelled
 
 MARKS = np.array([0, 100, 200, 300, 400])
 PAIRS = VertexPairs(MARKS, MARKS)

@@ -26,12 +26,3 @@ def radial_map(mesh, rotation=None):
     points = surface.mesh.vertices / np.linalg.norm(surface.mesh.vertices, axis=1, keepdims=True)
     points = points if rotation is None else points @ rotation.T
     return SphericalMap(surface, points / np.linalg.norm(points, axis=1, keepdims=True), Trace((), "given"))
-
-
-def relabelled(mesh, seed=0):
-    """The same surface with vertices and faces in another order, and where each old vertex went."""
-    rng = np.random.default_rng(seed)
-    order = rng.permutation(mesh.n_vertices)
-    place = np.argsort(order)
-    faces = place[mesh.faces][rng.permutation(mesh.n_faces)]
-    return Mesh(mesh.vertices[order], np.roll(faces, 1, axis=1)), place

@@ -8,12 +8,13 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
-from mapping.stars import blob, radial_map, relabelled
+from mapping.stars import blob, radial_map
 from morphlet import Mesh, SurfacePoints, VertexPairs
 from morphlet.errors import FileError, InputError
 from morphlet.mapping import correspondence as co
 from morphlet.mapping.correspondence import Correspondence, compose
 from morphlet.numerics.unit_sphere import icosphere
+from support import relabelled
 
 LOCATED = 1e-9
 """Rounding of a place found through its direction."""

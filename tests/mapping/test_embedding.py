@@ -21,7 +21,7 @@ from morphlet.sphere.map import SphericalMap, spherical_map
 from morphlet.sphere.quality import Certificate
 from morphlet.surface.points import SurfacePoints
 from morphlet.surface.repair import close
-from support import assert_one_to_one, blob, data_file, data_mesh, icosphere, random_rotation
+from support import assert_one_to_one, blob, data_file, data_mesh, icosphere, random_rotation, relabelled
 
 VERTICES = 1500
 SIX = ("nose", "tail tip", "left front foot", "right front foot", "left hind foot", "right hind foot")
@@ -103,7 +103,7 @@ def test_size_changes_nothing(grazer: Creature, standing: SphericalMap, six: Ver
 def test_place_and_numbering_change_little(grazer: Creature, standing: SphericalMap, six: VertexPairs) -> None:
     """Rounding and ties decide otherwise on the way; the minimum is nearly the same."""
     one = embed(close(grazer.mesh), standing, six, QUICK)
-    mixed, place = stars.relabelled(grazer.mesh)
+    mixed, place = relabelled(grazer.mesh)
     mixed = mixed.with_vertices(3 * mixed.vertices @ random_rotation(4).T + 7)
     other = checked(embed(close(mixed), standing, VertexPairs(place[six.source], six.target), QUICK))
     apart = other.correspondence().positions[place] - one.correspondence().positions

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from mapping.stars import blob, radial_map, relabelled
+from mapping.stars import blob, radial_map
 from morphlet import Mesh, VertexPairs
 from morphlet.errors import Cancelled, InputError
 from morphlet.motion.morph import PATHS
@@ -18,6 +18,7 @@ from morphlet.pipeline.morph import morph, morph_along
 from morphlet.samples.anatomy import SPECIES
 from morphlet.samples.creatures import Creature
 from morphlet.samples.poses import POSES
+from support import relabelled
 
 CORRESPOND_KEYS = ["folds_sphere", "folds_surface_percent", "energy", "energy_mean", "pairs", "pairs_rmse", "margin", "ambiguous"]
 MORPH_KEYS = ["frames", "volume_change_max", "edge_log_rms_max", "self_intersections_max", "mse", "deformation_rate"]

@@ -5,7 +5,7 @@ import pickle
 import numpy as np
 import pytest
 
-from mapping.stars import blob, radial_map, relabelled
+from mapping.stars import blob, radial_map
 from morphlet import InputError, SolveError, SurfacePoints, VertexPairs
 from morphlet.pipeline import placed as module
 from morphlet.pipeline.correspond import correspond_maps
@@ -13,7 +13,7 @@ from morphlet.pipeline.placed import PlacedResult, correspond_places, correspond
 from morphlet.samples.truth import at_vertices
 from morphlet.sphere.quality import Certificate
 from morphlet.surface.pairs import PointPairs
-from support import assert_one_to_one
+from support import assert_one_to_one, relabelled
 
 COUNT = 12
 

@@ -3,13 +3,13 @@
 import numpy as np
 import pytest
 
-from mapping.stars import blob, relabelled
+from mapping.stars import blob
 from morphlet import InputError, VertexPairs
 from morphlet.pipeline.correspond import correspond
 from morphlet.pipeline.several import CommonSphere, correspond_all
 from morphlet.samples.creatures import Creature
 from morphlet.samples.poses import POSES
-from support import assert_one_to_one
+from support import assert_one_to_one, relabelled
 
 SIX = ("nose", "tail tip", "left front foot", "right front foot", "left hind foot", "right hind foot")
 

@@ -17,7 +17,7 @@ from morphlet.io import gltf_scene
 from morphlet.io._text import printable
 from morphlet.io.attributes import read_columns
 from morphlet.io.formats import read_attributes
-from support import icosphere, tetrahedron
+from support import GLTF_POSITIONS, gltf_triangle, icosphere, tetrahedron
 
 BOM = b"\xef\xbb\xbf"
 TRIANGLE = b"v 0 0 0\nv 1 0 0\nv 0 1 0\nv 0 0 1\nf -4 -3 -2\n"
@@ -119,17 +119,8 @@ def test_devices_are_no_files(capsys, tmp_path):
 
 def scene(folder, **changes):
     """A triangle whose buffer lies beside it."""
-    put(folder, "x.bin", np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0]], "<f4").tobytes())
-    tree = {
-        "asset": {"version": "2.0"},
-        "scenes": [{"nodes": [0]}],
-        "nodes": [{"mesh": 0}],
-        "meshes": [{"primitives": [{"attributes": {"POSITION": 0}}]}],
-        "accessors": [{"bufferView": 0, "componentType": 5126, "count": 3, "type": "VEC3"}],
-        "bufferViews": [{"buffer": 0, "byteLength": 36}],
-        "buffers": [{"byteLength": 36, "uri": "x.bin"}],
-    }
-    return put(folder, "a.gltf", json.dumps(tree | changes))
+    put(folder, "x.bin", GLTF_POSITIONS)
+    return put(folder, "a.gltf", gltf_triangle("x.bin", **changes))
 
 
 BUFFER = {"byteLength": 36, "uri": "x.bin"}
