@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from morphlet.editing import space
+from morphlet.editing import moving_least_squares
 from morphlet.paper import equations, page
 from morphlet.paper.book import ENTRIES, Entry, make
 from morphlet.paper.equations import EQUATIONS, Check
@@ -35,8 +35,8 @@ def test_a_check_is_as_strict_as_it_says(found: float, holds: bool) -> None:
 
 
 def test_a_wrong_field_breaks_the_first_two(horse: Subject, monkeypatch: pytest.MonkeyPatch) -> None:
-    true = space.MovingField.__call__
-    monkeypatch.setattr(space.MovingField, "__call__", lambda self, targets: true(self, targets) + 1e-6)
+    true = moving_least_squares.MovingField.__call__
+    monkeypatch.setattr(moving_least_squares.MovingField, "__call__", lambda self, targets: true(self, targets) + 1e-6)
     assert not equations.equation_1(horse).holds
     assert not equations.equation_2(horse).holds
 
