@@ -2,7 +2,7 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Literal
+from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 from jaxtyping import Float
@@ -27,6 +27,8 @@ TALL = (720, 720)
 """Size of three plots, one below the other, in pixels."""
 WIDTH, THIN = 1.6, 0.7
 """Of curves, in points; thin ones run up and down too often for more."""
+LEGEND: dict[str, Any] = {"frameon": False, "fontsize": canvas.FONT, "labelcolor": canvas.INK}
+"""How names of curves are written."""
 MARKED = 40
 """Curves of more points than this are drawn without markers."""
 
@@ -77,6 +79,8 @@ def curve_picture(curves: Mapping[str, Float[np.ndarray, "k 2"]], x: Axis, y: Ax
     left, top, right, bottom = ROOM
     drawn = canvas.axes(figure, canvas.Box(left, top, size[0] - left - right, size[1] - top - bottom))
     _draw(drawn, checked)
+    if len(checked) > 1:
+        drawn.legend(**LEGEND)
     drawn.set(xlabel=x.label, ylabel=y.label, xscale=x.scale, yscale=y.scale)
     return Picture(canvas.pixels(figure), "matplotlib", "curves need no other")
 
@@ -94,7 +98,7 @@ def coordinate_picture(original: Float[np.ndarray, "n 3"], deformed: Float[np.nd
     Returns
     -------
     Picture
-        Three plots, one below the other.
+        Three plots, one below the other, the legend above.
 
     Raises
     ------
@@ -119,15 +123,15 @@ def coordinate_picture(original: Float[np.ndarray, "n 3"], deformed: Float[np.nd
         drawn = canvas.axes(figure, canvas.Box(left, top + k * step, size[0] - left - right, step - 1.5 * top))
         _draw(drawn, {shape: np.stack([number, x[:, k]], axis=1) for shape, x in (("original", before), ("deformed", after))}, THIN)
         drawn.set(ylabel=name, xlim=(0, max(len(before) - 1, 1)), xlabel="vertex" if k == 2 else "")
+        if k == 0:  # above: where vertices jump to and fro, curves leave no room inside
+            drawn.legend(**LEGEND, loc="lower right", bbox_to_anchor=(1, 0.96), ncols=2, borderaxespad=0)
     return Picture(canvas.pixels(figure), "matplotlib", "curves need no other")
 
 
 def _draw(drawn: "Axes", curves: Mapping[str, Float[np.ndarray, "k 2"]], width: float = WIDTH) -> None:
-    """All curves, a light grid, and a legend where there is more than one."""
+    """All curves, and a light grid."""
     for number, (name, points) in enumerate(curves.items()):
         marker = MARKERS[number % len(MARKERS)] if len(points) <= MARKED else ""
         drawn.plot(*points.T, color=COLORS[number % len(COLORS)], marker=marker, markersize=5, linewidth=width, label=name)
     drawn.grid(color="#dddddd", linewidth=0.6)
     drawn.set_axisbelow(True)
-    if len(curves) > 1:
-        drawn.legend(frameon=False, fontsize=canvas.FONT, labelcolor=canvas.INK)
