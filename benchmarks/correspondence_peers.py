@@ -32,8 +32,9 @@ BASIS, ZOOMED, STEP = 30, 150, 5
 """Functional maps: eigenfunctions of the fit, after ZoomOut, and added per step, as in the examples of pyfmaps."""
 DESCRIPTORS, EVERY, EVERY_WITH_LANDMARKS = 100, 5, 10
 """Wave kernel signatures, and of how many one is used."""
-LARGEST_TABLE = 4e8
-"""Pairs of vertices of two meshes up to which pyfmaps keeps a table of them: 31 bytes each, 12 GB. Beyond, it goes without, as offered."""
+TABLE_BYTES, LARGEST_TABLE = 31, 16e9
+"""Bytes that pyfmaps takes per pair of vertices of two meshes, as measured, and how many in all it is given. Without its table
+(it offers that) one map of 28,000 vertices did not end in ten minutes."""
 ICP_STEPS = 30
 """Rounds of nearest places and rotation."""
 
@@ -244,6 +245,9 @@ def _functional(pair: KnownPair, landmarks: VertexPairs, stock: Stock, orientati
         from pyFM.functional import FunctionalMapping
     except ImportError as error:
         raise Absent(str(error)) from error
+    table = TABLE_BYTES * pair.source.n_vertices * pair.target.n_vertices
+    if table > LARGEST_TABLE:
+        raise MemoryError(f"its table of all pairs of vertices takes {table / 1e9:.0f} GB")
     np.random.seed(0)  # noqa: NPY002 (the peer draws from it)
     with contextlib.redirect_stdout(io.StringIO()), warnings.catch_warnings():
         warnings.simplefilter("ignore")
@@ -253,8 +257,7 @@ def _functional(pair: KnownPair, landmarks: VertexPairs, stock: Stock, orientati
         model.preprocess(n_descr=DESCRIPTORS, descr_type="WKS", k_process=ZOOMED, subsample_step=every, landmarks=given)
         model.fit(K=(BASIS, BASIS), w_descr=1e-1, w_lap=1e-3, w_dcomm=1, w_orient=orientation)
         zoomed = model.zoomout_refine(nit=(ZOOMED - BASIS) // STEP, step=STEP)
-        fits = pair.source.n_vertices * pair.target.n_vertices <= LARGEST_TABLE
-        return Answer(_places(model.get_precise_map(FM=zoomed, precompute_dmin=fits), pair.target))
+        return Answer(_places(model.get_precise_map(FM=zoomed), pair.target))
 
 
 def _spectrum(mesh: Mesh) -> Any:
