@@ -9,6 +9,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from morphlet import Mesh
+from morphlet.numerics import unit_sphere
 from morphlet.surface.doubles import back_to_back, repeated
 from morphlet.surface.fans import edge_uses, fans, separate
 from morphlet.surface.orientation import disagreeing, inward, turned
@@ -117,3 +118,11 @@ def test_repair_undoes_any_reversal(wrong: set[int], seed: int) -> None:
     mended = repair(Mesh(vertices, turned(faces, reverse)))
     np.testing.assert_array_equal(mended.mesh.faces, faces)
     np.testing.assert_array_equal(mended.flipped, reverse)
+
+
+@pytest.mark.parametrize("scale", [1e-150, 1.0, 1e120, 1e150])
+def test_a_ball_of_any_size_is_turned_outwards(scale):
+    points, faces = unit_sphere.icosphere(1)
+    with np.errstate(all="raise", under="ignore"):
+        assert inward(scale * points, faces[:, ::-1]).all()
+        assert not inward(scale * points, faces).any()

@@ -44,7 +44,8 @@ def inward(vertices: Float[np.ndarray, "n 3"], faces: Int[np.ndarray, "m 3"]) ->
     closed = np.ones(int(part.max(initial=-1)) + 1, bool)
     closed[part[uses.order[np.repeat(uses.count != 2, uses.count)] // 3]] = False
     _, first = np.unique(part, return_index=True)
-    a, b, c = (vertices[faces[:, k]] - vertices[faces[first, 0]][part] for k in range(3))
+    places = np.ldexp(vertices, -np.frexp(np.abs(vertices).max(initial=0.0))[1])  # the same but for a power of two: no product overflows
+    a, b, c = (places[faces[:, k]] - places[faces[first, 0]][part] for k in range(3))
     across = np.cross(b, c)
     volume = np.bincount(part, np.einsum("ij,ij->i", a, across))
     size = np.bincount(part, np.linalg.norm(a, axis=1) * np.linalg.norm(across, axis=1))
