@@ -79,9 +79,7 @@ EXCUSED = {
     "studio_viser": "is run by studio_page, in the peers' interpreter",
 }
 """Scripts that measure nothing by themselves, and why they are here."""
-HEAD = (
-    "# The benchmark book\n\nWhat `make bench` found: every script of `benchmarks/`, one after the other, each in a process of its own.\n\n"
-)
+HEAD = "# The benchmark book\n\nWhat `make bench` found: every script of `benchmarks/`, each in a process of its own.\n\n"
 SAME = ("cpu", "cores", "python")
 """What two machines have in common whose figures stand in one book."""
 
